@@ -33,9 +33,7 @@ def run(*seeds, pixels=SIDE, captures=64, foci=3, stages=None, rounds=12):
         return _tuned(seeds[1:] or range(1, 4), pixels, rounds)
     fitted = mock.patch.object(fitting, "STAGES", fitting.STAGES[:stages])
     # a fit that is cut short explains less than one that is worth something
-    explained = mock.patch.object(
-        calibrating, "LEAST_EXPLAINED", 0.0 if stages else calibrating.LEAST_EXPLAINED
-    )
+    explained = mock.patch.object(calibrating, "MIN_EXPLAINED", 0.0 if stages else calibrating.MIN_EXPLAINED)
     head = f"seed  seconds  crosstalk  {'worst parameters':<76}  uncalibrated   fitted    known"
     rows = {
         f"seed {seed}": lambda seed=int(seed): _row(seed, pixels, captures, FOCI[:foci])
@@ -48,9 +46,9 @@ def run(*seeds, pixels=SIDE, captures=64, foci=3, stages=None, rounds=12):
 def _row(seed, pixels, captures, foci):
     window = slm.PatternWindow(pixels, PITCH, GREEN)
     camera = round(1.4 * pixels)
-    bench, truth = slm.mis_set(slm.nominal(window, foci, (camera, camera), VIEW), window, seed)
+    bench, truth = slm.perturbed_bench(slm.nominal_setup(window, foci, (camera, camera), VIEW), window, seed)
     begun = time.perf_counter()
-    found = slm.calibrate(bench.look, window, foci, VIEW, captures)
+    found = slm.calibrate(bench.capture_values, window, foci, VIEW, captures)
     seconds = time.perf_counter() - begun
     spans = np.array([row.high - row.low for row in found.parameters])
     left = 100 * np.abs(found.values - vector(truth)) / spans
@@ -70,18 +68,18 @@ def _row(seed, pixels, captures, foci):
 def _tuned(seeds, pixels, rounds):
     """PSNR on the bench before and after, by a model that is right but knows no source of any size."""
     window, camera = slm.PatternWindow(pixels, PITCH, GREEN), round(1.4 * pixels)
-    start = slm.nominal(window, FOCI, (camera, camera), VIEW)
+    start = slm.nominal_setup(window, FOCI, (camera, camera), VIEW)
     field, rows = _field(pixels), parameters(start)
     head = ["| seed | " + " | ".join(f"{1e3 * z:g} mm" for z in AT) + " |", "|---" * (1 + len(AT)) + "|"]
 
     def row(seed):
-        bench, truth = slm.mis_set(start, window, seed)
+        bench, truth = slm.perturbed_bench(start, window, seed)
         bench = replace(bench, source=THIRD)
-        found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
+        found = slm.FitResult(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
         calibration = slm.calibration_of(found, window)
         levels = calibration.levels_of(field.hologram)
         phase = engine.encode(field, "joint", display=calibration.display([GREEN]), levels=levels)
-        tuned = slm.tune(phase, field, bench.look, calibration, GREEN, rounds)
+        tuned = slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds)
         cells = [
             ", ".join(f"{_on_bench(bench, field, calibration, each, z):.1f}" for each in (phase, tuned))
             for z in AT
@@ -95,7 +93,7 @@ def _tuned(seeds, pixels, rounds):
 
 
 def _as_found(found, truth: Setup):
-    return slm.Fitted(truth, found.parameters, vector(truth), np.zeros_like(found.deviations), 0.0, 1.0)
+    return slm.FitResult(truth, found.parameters, vector(truth), np.zeros_like(found.deviations), 0.0, 1.0)
 
 
 def _field(pixels):

@@ -74,7 +74,7 @@ def rules() -> Rules:
         **{name: alone[name] for name in ("look", "unit", "refused")},
         look_held=(many["look"] - alone["look"]) / 128,
         look_waiting=(waiting["look"] - alone["look"]) / 64,
-        beat=alone["beat"] * (PRESENT + 1) / claims.BEAT,
+        beat=alone["beat"] * (PRESENT + 1) / claims.TOUCH_INTERVAL,
     )
 
 
@@ -101,9 +101,9 @@ def _counts(others, waiting):
                 with claimed.claim(held[0]):
                     asked.since("refused")
                 mine.done()
-                work._made(folder, mine, claimed, _nothing)
+                work._make(folder, mine, claimed, _nothing)
                 asked.since("unit")
-                claimed.lost(next(iter(claimed._held)))
+                claimed.is_lost(next(iter(claimed._own)))
                 asked.since("beat")
                 asked.found["look"] = _look(folder, units, job.digest, asked)
                 asked.since("looks")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 from holopath_addon.farm import work
-from holopath_addon.farm.claims import STALE
+from holopath_addon.farm.claims import STALE_AFTER
 
 OPENED = 3  # operations of a file that is opened: open, read or write, close
 PRESENT = 3  # claims of a process that holds no unit
@@ -200,7 +200,7 @@ def _process(farm, start):
         for step in units:
             if step.name in farm.held:
                 if alive.get(step.name, 0.0) < farm.now:
-                    alive[step.name] = farm.now + STALE
+                    alive[step.name] = farm.now + STALE_AFTER
                     yield farm.ask(rules.refused)
                 continue
             yield farm.ask(OPENED)
@@ -214,7 +214,7 @@ def _process(farm, start):
         if mine:
             yield from farm.make(mine, kinds)
         elif refused:
-            yield "operations", farm.now + random.uniform(0.0, work.HURRY)
+            yield "operations", farm.now + random.uniform(0.0, work.RETRY)
         else:
             yield farm.waited(), farm.now + (work.pause(farm.claims) if rules.crowd else work.POLL)
     yield farm.ask(rules.leave + rules.leave_each * farm.present)
@@ -222,7 +222,7 @@ def _process(farm, start):
 
 
 def _dask_worker(farm, start, dask, scheduler):
-    """A worker that a scheduler hands units to, see `crew.Crew`."""
+    """A worker that a scheduler hands units to, see `executor.ClusterExecutor`."""
     rules, kinds = farm.rules, set()
     yield "start", start
     while farm.done < len(farm.steps):

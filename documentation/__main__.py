@@ -3,6 +3,7 @@
 python -m documentation site              build/site; a warning is an error
 python -m documentation pages             write the parts of README.md and docs/ that the code declares
 python -m documentation prose [FILE ...]  how long sentences are, page by page
+python -m documentation words FOLDER ...  habits of names and docstrings to lose
 python -m documentation pictures          remake the pictures of the window and of rendered scenes, in docs/images
 python -m documentation pictures NAME ... remake these
 python -m documentation pictures --all    remake all, benchmarks and examples included, which takes hours
@@ -30,6 +31,11 @@ match sys.argv[1:]:
         from . import prose
 
         print(prose.table([Path(name) for name in names] or prose.written()))
+    case ["words", *folders]:
+        from . import words
+
+        complaints = words.check(folders)
+        sys.exit("\n".join(complaints) or None)
     case ["pictures", *names]:
         from . import pictures as made
 

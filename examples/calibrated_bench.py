@@ -25,8 +25,8 @@ field = engine.render(exported.scene, exported.camera, hologram, engine.Settings
 # The bench: beam, levels, crosstalk, unmodulated light, lenses and camera are wrong, each anywhere in its range.
 window, view = slm.PatternWindow(side, PITCH, GREEN), (0.95, 0.95)
 camera = round(1.4 * side), round(1.4 * side)
-bench, truth = slm.mis_set(slm.nominal(window, FOCI, camera, view), window, seed=1)
-found = slm.calibrate(bench.look, window, FOCI, view)
+bench, truth = slm.perturbed_bench(slm.nominal_setup(window, FOCI, camera, view), window, seed=1)
+found = slm.calibrate(bench.capture_values, window, FOCI, view)
 print(f"crosstalk: {found.setup.model.crosstalk:.3f} pixels, in truth {truth.model.crosstalk:.3f}")
 
 rows = [[], []]

@@ -14,6 +14,7 @@ from markdown_it import MarkdownIt
 from PIL import Image
 
 from documentation import pages, pictures, prose
+from documentation import words as vocabulary
 from holopath_addon import cli, engine, exchange, slm
 from holopath_addon.slm.drivers import video
 
@@ -251,6 +252,13 @@ def test_how_sentences_are_counted():
     text = "# Not this\n\nOne two `a b c` three. Four, e.g. $x^2$!\n\n- Five six\n\n"
     text += "| not | this |\n|---|---|\n| a | b |\n"
     assert [prose.words(sentence) for sentence in prose.sentences(text)] == [4, 3, 2]
+
+
+def test_habits_of_words(tmp_path):
+    path = tmp_path / "habits.py"
+    path.write_text('"""Of a device."""\nMOST_BYTES = 1\ndef stream(told):\n    """Show pictures."""\n')
+    complaints = [text.partition(":")[0] for _, text in sorted(vocabulary.habits(path))]
+    assert complaints == ["a docstring starts with 'Of'", "the name MOST_BYTES", "the name told"]
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def photograph(s, pixels):
     with tempfile.TemporaryDirectory(prefix="holopath-photograph-") as folder:
         picture, depth = take(s, pixels, Path(folder))
         options = captures.CaptureOptions(depth=str(depth), depth_unit="mm", fov=ANGLE)
-        made = captures.capture(picture, options).build((pixels, pixels))
+        made = captures.open_capture(picture, options).build((pixels, pixels))
     return made.scene, made.camera
 
 

@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 
 from .. import engine, slm
 from ..engine.settings import Choice
-from ..slm.drivers.controller import BAUD, SLOWEST
+from ..slm.drivers.controller import BAUD, MIN_BAUD
 from ..slm.drivers.slmsuite_device import DEVICES, options_of
 
 # A .blend holds the numbers.
@@ -70,7 +70,7 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         name="Baud Rate",
         description="Speed of the serial line, in bits per second",
         default=BAUD,
-        min=SLOWEST,
+        min=MIN_BAUD,
         max=100_000_000,
     )
     model: EnumProperty(

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from .. import engine
 from ..farm import worker
 from ..farm.cluster import FORMS, Cluster
-from ..farm.crew import Crew
+from ..farm.executor import ClusterExecutor
 from ..farm.work import work_off
 from ..workflow import failures
 from .options import argument
@@ -75,8 +75,10 @@ def work_by(args, work, progress):
     progress(0.0, "Starting the cluster")
     with args.cluster.client(work.folder) as client:
         watch = _Watch(progress, args.quiet)
-        crew = Crew(client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show)
-        made = crew.work_off(work.folder, list(units), tag)
+        executor = ClusterExecutor(
+            client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show
+        )
+        made = executor.work_off(work.folder, list(units), tag)
         work.made.extend(name for name in made if not work.units[name].prepares)
 
 

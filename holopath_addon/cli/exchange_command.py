@@ -28,7 +28,7 @@ def add(command):
     )
     export.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     export.add_argument(
-        "file", metavar="FILE", help=f"its name ends on {_KINDS}; of a print on {', '.join(prints.PRINTED)}"
+        "file", metavar="FILE", help=f"its name ends on {_KINDS}; of a print on {', '.join(prints.SUFFIXES)}"
     )
     export.add_argument("--hologram", action="store_true", help="the stored phases instead of the wave field")
     _add_print(export)
@@ -295,7 +295,7 @@ def _import(args):
         raise engine.InvalidInput(f"{out} is there already: choose a new folder, for nothing is replaced.")
     progress(0.0, "Reading")
     container, array = _container(args.files, args.array)
-    given = exchange.Given(
+    given = exchange.ReadOptions(
         array,
         _convention(args),
         args.pitch,

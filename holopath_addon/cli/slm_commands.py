@@ -456,12 +456,12 @@ def _focus(args):
         elif args.distance is not None:
             target = planes.position_at(args.distance * 1e-3)
         else:
-            planes.calibrated(args.store, 0)  # there is such a plane
+            planes.with_position(args.store, 0)  # there is such a plane
     controller.open()
     try:
         if planes is not None and target is None:
             position = controller.position()
-            planes.calibrated(args.store, position).save(args.focus_planes)
+            planes.with_position(args.store, position).save(args.focus_planes)
             distance = planes.planes[args.store].distance * 1e3
             progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")
             return
@@ -512,7 +512,7 @@ def _calibrate(args):
                    seed=args.seed, progress=progress)  # fmt: skip
     with _looking(args, window, planes, distances) as look:
         found = told(look)
-    slm.calibration_of(found, window, before=before).save(path)
+    slm.calibration_of(found, window, earlier=before).save(path)
     if not args.quiet:
         for row, value, deviation in zip(found.parameters, found.values, found.deviations, strict=True):
             print(f"{row.name:<28} {value:12.5g} +- {deviation:<10.2g} {row.unit}")
@@ -568,8 +568,8 @@ def _looking(args, window, planes, distances, size=None):
     slm.packing_of(args.packing).require(window.bits)
     if args.driver == "virtual":
         camera = round(1.4 * window.side)
-        start = slm.nominal(window, distances, (camera, camera), args.view)
-        yield slm.mis_set(start, window, args.seed)[0].look
+        start = slm.nominal_setup(window, distances, (camera, camera), args.view)
+        yield slm.perturbed_bench(start, window, args.seed)[0].capture_values
         return
     if not args.camera:
         raise engine.InvalidInput(

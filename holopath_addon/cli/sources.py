@@ -285,8 +285,8 @@ class MitsubaSource:
     def size_from(self, camera=None):
         """Where the size of `hologram_from` is from, as words."""
         film = self._read().film(camera)
-        what = "crop window of the film" if film.cropped else "film" if film.stated else "default film"
-        return f"the {what} in {self.path.name}" if film.stated else f"Mitsuba's {what}"
+        what = "crop window of the film" if film.is_cropped else "film" if film.has_size else "default film"
+        return f"the {what} in {self.path.name}" if film.has_size else f"Mitsuba's {what}"
 
     def load(self, width, height, camera=None):
         """Build the scene for `width` x `height` pixels; `camera` is a sensor's id."""
@@ -313,7 +313,7 @@ class CaptureSource:
     frame = None
 
     def __init__(self, path, options):
-        self._file = captures.capture(path, options)
+        self._file = captures.open_capture(path, options)
         self.path, self.files = path, self._file.files
         settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
         views = isinstance(self._file, captures.ViewFile)
@@ -415,8 +415,8 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     options, path = options or CaptureOptions(), Path(text)
     if not text.startswith("demo:") and path.suffix.lower() in captures.SUFFIXES:
         return CaptureSource(path, options)
-    if options.given:
-        flag = options.given[0].replace("_", "-")
+    if options.names:
+        flag = options.names[0].replace("_", "-")
         raise engine.InvalidInput(
             f"{text} is neither a picture nor a .ply, nor an .npy or .npz of views: leave out --{flag}."
         )

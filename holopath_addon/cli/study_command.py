@@ -121,7 +121,7 @@ def _asked(args):
 def words_of(study, run):
     """The words of `holopath render` that a run stands for, but for ``--out``."""
     words = [study.scene(run)]
-    for name, value in run.asked.items():
+    for name, value in run.options.items():
         flag = options.flag(name)
         if name in studies.FLAGS:
             words += [flag] if value else []

@@ -1,6 +1,6 @@
-"""Kinds of files: named arrays, and beside them attributes, which are words, numbers and lists of numbers.
+"""Kinds of files: named arrays with attributes, which are strings, numbers and lists of numbers.
 
-None of them can hold code: what is read is never unpickled. HDF5 is read in a process of its own, see `hdf5_reader`.
+No file can execute code: nothing is unpickled. HDF5 is read in a separate process, see `hdf5_reader`.
 """
 
 from __future__ import annotations
@@ -21,45 +21,56 @@ import numpy as np
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
 from ..engine.files import whole_file
 from . import pictures
-from .optional import needed
+from .optional import import_library
 
 Attributes = dict[str, Any]
-NOTES = "attributes"  # name of what holds them where a kind of file has arrays alone
-PATIENCE, SLOWEST = 30.0, 1e6  # seconds, and bytes a second, after which HDF5's library goes round in circles
+ATTRIBUTES_NAME = "attributes"  # of the array that holds them, in files of arrays only
+# Seconds, and bytes per second: a longer reading of HDF5 is an endless loop
+PATIENCE, MIN_RATE = 30.0, 1e6
 USER_BLOCK = 512  # bytes before the HDF5 of a MATLAB file
 _MATLAB = {"f4": "single", "f8": "double", "c8": "single", "u1": "uint8", "u2": "uint16"}
-NUMBERS = "fiucb"  # kinds of NumPy's types
-PICKLED = (".pt", ".pth", ".pkl", ".pickle")
+NUMBERS = "fiucb"  # kinds of NumPy's numeric types
+PICKLE_SUFFIXES = (".pt", ".pth", ".pkl", ".pickle")
 
 
 @dataclass
 class Container:
-    """Of a file.
+    """The contents of a file.
 
     Attributes
     ----------
     arrays : dict of str to numpy.ndarray
+        Arrays of numbers by name.
     attributes : dict of str to str, float or list of float
-        Of the file, and of its arrays if it has several that say the same.
-    own : dict of str to dict
-        Attributes of arrays, by their names.
-    colored : frozenset of str
+        Attributes of the file, and those on which all of its arrays agree.
+    array_attributes : dict of str to dict
+        Attributes of arrays by the arrays' names.
+    color_arrays : frozenset of str
         Names of arrays whose last of three axes is red, green and blue.
     """
 
     arrays: dict[str, np.ndarray]
     attributes: Attributes = field(default_factory=dict)
-    own: dict[str, Attributes] = field(default_factory=dict)
-    colored: frozenset[str] = frozenset()
+    array_attributes: dict[str, Attributes] = field(default_factory=dict)
+    color_arrays: frozenset[str] = frozenset()
 
 
 def read(path: Path | str) -> Container:
-    """All arrays of numbers of a file, and its attributes.
+    """Read all arrays of numbers in a file, and its attributes.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix is one of `READABLE`.
+
+    Returns
+    -------
+    Container
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, or its name does not end on one of `READABLE`.
+        If the file cannot be read, or its suffix is unknown.
     BackendUnavailable
         If the library for it is not installed.
     """
@@ -67,28 +78,34 @@ def read(path: Path | str) -> Container:
     reader, _ = _kind(path)
     try:
         if not path.is_file():
-            raise InvalidInput(f"There is no file {path}: give one that ends on {', '.join(READABLE)}.")
+            raise InvalidInput(f"The file {path} does not exist. Give a file of {', '.join(READABLE)}.")
         container = reader(path)
     except (InvalidInput, BackendUnavailable, Cancelled):
         raise
-    except Exception as error:  # there is no end to what a file may hold
+    except Exception as error:  # a file may hold anything
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InvalidInput(
-            f"{path} cannot be read ({reason}): write it again, or give another file."
+            f"{path} cannot be read ({reason}). Write it again, or give another file."
         ) from error
     if not container.arrays:
-        raise InvalidInput(f"{path} holds no array of numbers: give another file.")
+        raise InvalidInput(f"{path} has no array of numbers. Give another file.")
     return container
 
 
 def write(path: Path | str, container: Container) -> None:
-    """Write a file that appears whole or not at all, and replaces one that is there.
+    """Write a file, which appears complete or not at all, and replaces an existing one.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix is one of `SUFFIXES`.
+    container : Container
+        Arrays and attributes; attributes of single arrays are not written.
 
     Raises
     ------
     InvalidInput
-        If its name does not end on one of `SUFFIXES`, the container does not suit that kind of file, or there can be
-        no file.
+        If the suffix is unknown, that kind of file cannot hold the container, or the path cannot be a file.
     BackendUnavailable
         If the library for it is not installed.
     OSError
@@ -101,25 +118,25 @@ def write(path: Path | str, container: Container) -> None:
 
 def _kind(path):
     suffix = path.suffix.lower()
-    if suffix in PICKLED:
+    if suffix in PICKLE_SUFFIXES:
         raise InvalidInput(
-            f"{path} is pickled, which can run any code when it is read: write the tensor with "
+            f"{path} is pickled, and could run any code when it is read. Write the tensor with "
             "safetensors.torch.save_file, or numpy.save."
         )
     if suffix not in _KINDS:
-        raise InvalidInput(f"{path} is of no kind that is known: end its name on {', '.join(READABLE)}.")
+        raise InvalidInput(f"Expected a file of {', '.join(READABLE)}, got {path}.")
     return _KINDS[suffix]
 
 
 def _read_hdf5(path):
-    """Data sets of all groups, by their path, and attributes of the file and of them."""
-    arrays, _, attributes, own = _hdf5(path)
-    return Container(arrays, attributes, own)
+    """Read the data sets of all groups by their path, and the attributes of the file and of data sets."""
+    arrays, _, attributes, array_attributes = _hdf5(path)
+    return Container(arrays, attributes, array_attributes)
 
 
 def _hdf5(path):
-    """Arrays, the MATLAB class of those that have one, attributes, and those of each, as `hdf5_reader` finds them."""
-    needed("h5py")
+    """Arrays, their MATLAB classes, attributes, and attributes of arrays, see `hdf5_reader`."""
+    import_library("h5py")
     reader = Path(__file__).with_name("hdf5_reader.py")
     with tempfile.TemporaryDirectory(prefix="holopath-") as folder:
         try:
@@ -131,29 +148,27 @@ def _hdf5(path):
                 text=True,
                 errors="replace",
                 check=False,
-                timeout=PATIENCE + path.stat().st_size / SLOWEST,
+                timeout=PATIENCE + path.stat().st_size / MIN_RATE,
             )
         except subprocess.TimeoutExpired:
             raise ValueError("it is damaged: reading it does not end") from None
         if process.returncode:
-            said = process.stderr.splitlines()[-1:] if process.returncode > 0 else []
-            raise ValueError(*said or ("it is damaged",))
-        found = json.loads((Path(folder) / "contents.json").read_text())
-        arrays = {name: np.load(Path(folder) / f"{n}.npy") for n, name in enumerate(found["names"])}
-    return arrays, found["matlab"], found["attributes"], found["own"]
+            reason = process.stderr.splitlines()[-1:] if process.returncode > 0 else []
+            raise ValueError(*reason or ("it is damaged",))
+        contents = json.loads((Path(folder) / "contents.json").read_text())
+        arrays = {name: np.load(Path(folder) / f"{n}.npy") for n, name in enumerate(contents["names"])}
+    return arrays, contents["matlab"], contents["attributes"], contents["array_attributes"]
 
 
 def _write_hdf5(path, container):
-    h5py = needed("h5py")
+    h5py = import_library("h5py")
     with h5py.File(path, "w") as file:
         for name, array in container.arrays.items():
-            stored = file.create_dataset(name, data=array)
-            for key, value in container.attributes.items():
-                stored.attrs[key] = value
+            file.create_dataset(name, data=array).attrs.update(container.attributes)
 
 
 def _read_mat(path):
-    """A MATLAB file of version 7.3, which is HDF5, or an earlier one, which SciPy reads."""
+    """Read a MATLAB file of version 7.3, which is HDF5, or an earlier one, which SciPy reads."""
     with open(path, "rb") as file:
         newer = file.read(10) == b"MATLAB 7.3"
     if newer:
@@ -172,23 +187,23 @@ def _read_mat(path):
         elif value.dtype.kind == "U" and value.size == 1:
             container.attributes[name] = str(value.item())
         elif value.dtype.kind in "fiub" and (value.ndim < 2 or min(value.shape) == 1):
-            listed = value.ravel().tolist()
-            container.attributes[name] = listed[0] if len(listed) == 1 else listed
+            numbers = value.ravel().tolist()
+            container.attributes[name] = numbers[0] if len(numbers) == 1 else numbers
         elif value.dtype.kind in NUMBERS:
             container.arrays[name] = value
     return container
 
 
 def _from_matlab(array, kind):
-    """A text, or an array as MATLAB shows it: HDF5 has its axes in reverse."""
+    """A string, or an array in MATLAB's order of axes, which HDF5 reverses."""
     if kind == "char":
         return array.astype(np.uint16).tobytes().decode("utf-16-le")
     return (array.astype(bool) if kind == "logical" else array).T
 
 
 def _write_mat(path, container):
-    """Version 7.3: HDF5 behind a block of text; MATLAB's axes run the other way, and numbers are 1 x 1."""
-    h5py = needed("h5py")
+    """Write version 7.3: HDF5 after a block of text, with axes in reverse, and numbers as 1 x 1 arrays."""
+    h5py = import_library("h5py")
     with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
         for name, array in container.arrays.items():
             _matlab(file, name, array)
@@ -208,13 +223,13 @@ def _write_mat(path, container):
 def _matlab(file, name, array):
     kind = _MATLAB.get(array.dtype.str[1:])
     if kind is None:
-        raise InvalidInput(f"MATLAB files do not take arrays of {array.dtype}.")
+        raise InvalidInput(f"MATLAB files cannot hold arrays of {array.dtype}. Choose another kind of file.")
     if np.iscomplexobj(array):
-        stored = np.empty(array.T.shape, [("real", "f4"), ("imag", "f4")])
-        stored["real"], stored["imag"] = array.T.real, array.T.imag
+        data = np.empty(array.T.shape, [("real", "f4"), ("imag", "f4")])
+        data["real"], data["imag"] = array.T.real, array.T.imag
     else:
-        stored = array.T
-    file.create_dataset(name, data=stored).attrs["MATLAB_class"] = np.bytes_(kind.encode())
+        data = array.T
+    file.create_dataset(name, data=data).attrs["MATLAB_class"] = np.bytes_(kind.encode())
 
 
 def _read_npz(path):
@@ -222,7 +237,7 @@ def _read_npz(path):
     with np.load(path, allow_pickle=False) as file:
         for name in file.files:
             array = file[name]
-            if name == NOTES and array.dtype.kind == "U":
+            if name == ATTRIBUTES_NAME and array.dtype.kind == "U":
                 container.attributes.update(_object(array.item()))
             elif array.dtype.kind in "fiub" and array.size < 2:
                 container.attributes[name] = array.item() if array.size else []
@@ -236,13 +251,13 @@ def _read_npz(path):
 def _object(text):
     values = json.loads(text)
     if not isinstance(values, dict):
-        raise ValueError("its attributes are none")
+        raise ValueError("its attributes are not a JSON object")
     return values
 
 
 def _write_npz(path, container):
-    arrays = {**container.arrays, NOTES: np.array(json.dumps(container.attributes))}
-    with zipfile.ZipFile(path, "w") as file:  # numpy.savez leaves it open where it is interrupted
+    arrays = {**container.arrays, ATTRIBUTES_NAME: np.array(json.dumps(container.attributes))}
+    with zipfile.ZipFile(path, "w") as file:  # an interrupted numpy.savez leaves the file open
         for name, array in arrays.items():
             with file.open(f"{name}.npy", "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, array, allow_pickle=False)
@@ -251,22 +266,22 @@ def _write_npz(path, container):
 def _read_npy(path):
     array = np.load(path, allow_pickle=False)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in NUMBERS:
-        raise ValueError("it is no array of numbers")
+        raise ValueError("it is not an array of numbers")
     return Container({"array": array})
 
 
 def _write_npy(path, container):
     if len(container.arrays) != 1:
-        raise InvalidInput("A .npy file holds one array: choose .npz.")
+        raise InvalidInput("A .npy file holds one array. Choose .npz.")
     with open(path, "wb") as file:
         np.save(file, next(iter(container.arrays.values())))
 
 
 def _read_safetensors(path):
-    safetensors = needed("safetensors")
+    safetensors = import_library("safetensors")
     with safetensors.safe_open(path, framework="numpy") as file:
         words = file.metadata() or {}
-        arrays = {name: file.get_tensor(name) for name in file.keys()}  # it is no dict
+        arrays = {name: file.get_tensor(name) for name in file.keys()}  # not a dict
     return Container(
         {name: array for name, array in arrays.items() if array.dtype.kind in NUMBERS and array.ndim > 1},
         {name: _value(text) for name, text in words.items()}
@@ -282,27 +297,27 @@ def _value(text):
 
 
 def _write_safetensors(path, container):
-    numpy = needed("safetensors.numpy")
+    numpy = import_library("safetensors.numpy")
     words = {name: json.dumps(value) for name, value in container.attributes.items()}
     arrays = {name: np.ascontiguousarray(array) for name, array in container.arrays.items()}
     numpy.save_file(arrays, str(path), metadata=words)
 
 
 def _reader_of(read_picture):
-    """Reader of a kind of pictures, see `pictures`."""
+    """Make the reader of a kind of picture from a function of `pictures`."""
 
     def reader(path):
         arrays, bits = read_picture(path)
-        own = {name: {"bits": bits} for name in arrays} if bits else {}
-        colored = frozenset(name for name, a in arrays.items() if a.ndim == 3 and name != pictures.PAGES)
-        return Container(arrays, own=own, colored=colored)
+        attributes = {name: {"bits": bits} for name in arrays} if bits else {}
+        colors = frozenset(name for name, a in arrays.items() if a.ndim == 3 and name != pictures.PAGES)
+        return Container(arrays, array_attributes=attributes, color_arrays=colors)
 
     return reader
 
 
 def _write_picture(path, container):
     raise InvalidInput(
-        f"Fields and phases are no pictures: `holopath render` writes those; end the name on {', '.join(SUFFIXES)}."
+        f"Fields and phases cannot be written as pictures. Give a file of {', '.join(SUFFIXES)}."
     )
 
 

@@ -1,4 +1,4 @@
-"""How programs lay out complex fields: the order of axes and rows, and the sign of time."""
+"""Conventions of programs for complex fields: the order of axes and rows, and the sign of time."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..engine import InvalidInput
 
 AXES = ("frame", "wavelength", "y", "x")  # ours
 SIGNS = {"-": "exp(-i omega t)", "+": "exp(+i omega t)"}  # of time
-ROWS = ("top", "bottom")
+ROWS = ("top", "bottom")  # positions of row 0
 
 
 @dataclass(frozen=True)
 class Convention:
-    """Of an array.
+    """A program's convention for arrays.
 
     Parameters
     ----------
     axes : tuple of str, optional
-        Names of its axes, `AXES` in any order, of which frame and wavelength may lack. Default: the last of `AXES`, as
-        many as it has.
+        Names of the axes: `AXES` in any order, where frame and wavelength are optional. Default: the last of `AXES`, as
+        many as the array has.
     time : str
-        Of `SIGNS`. With exp(-i omega t) propagation by z multiplies the spectrum by exp(+i kz z); a field of the other
-        sign is the complex conjugate.
+        One of `SIGNS`. With exp(-i omega t) propagation by z multiplies the spectrum by exp(+i kz z); a field of the
+        other sign is the complex conjugate.
     rows : str
-        Of `ROWS`: where row 0 is.
+        Position of row 0, one of `ROWS`.
 
     Raises
     ------
@@ -40,30 +40,30 @@ class Convention:
     def __post_init__(self):
         if self.time not in SIGNS:
             raise InvalidInput(
-                f"The sign of time is + or -, not '{self.time}': - stands for {SIGNS['-']}, as here."
+                f"Expected a sign of time + or -, got '{self.time}'. HoloPath has -, for {SIGNS['-']}."
             )
         if self.rows not in ROWS:
-            raise InvalidInput(f"Row 0 is at the {' or the '.join(ROWS)}, not at '{self.rows}'.")
+            raise InvalidInput(f"Expected row 0 at the {' or '.join(ROWS)}, got '{self.rows}'.")
         if self.axes is not None and not (
             {"y", "x"} <= set(self.axes) <= set(AXES) and len(set(self.axes)) == len(self.axes)
         ):
             raise InvalidInput(
-                f"Axes are {','.join(AXES)} in any order, each once, not '{','.join(self.axes)}': frame and "
-                "wavelength may lack."
+                f"Expected axes {','.join(AXES)} in any order, where frame and wavelength are optional, got "
+                f"'{','.join(self.axes)}'."
             )
 
-    def ours(self, array: np.ndarray) -> np.ndarray:
-        """A field or phases of this convention as we lay them out, shape (frame, wavelength, y, x).
+    def to_holopath(self, array: np.ndarray) -> np.ndarray:
+        """Convert a field or phases to HoloPath's convention, shape (frame, wavelength, y, x).
 
         Raises
         ------
         InvalidInput
             If the array has another number of axes.
         """
-        return self.signed(self.laid_out(array))
+        return self.convert_sign(self.reorder(array))
 
-    def laid_out(self, array: np.ndarray) -> np.ndarray:
-        """The array in our order of axes and rows, as a view; the sign of time is still its own.
+    def reorder(self, array: np.ndarray) -> np.ndarray:
+        """A view of an array in HoloPath's order of axes and rows; the sign of time stays.
 
         Raises
         ------
@@ -76,25 +76,27 @@ class Convention:
         array = array.transpose([(*missing, *axes).index(name) for name in AXES])
         return array[..., ::-1, :] if self.rows == "bottom" else array
 
-    def signed(self, array: np.ndarray) -> np.ndarray:
-        """A field, or phases with a fraction, from this sign of time to ours, and back."""
+    def convert_sign(self, array: np.ndarray) -> np.ndarray:
+        """Convert a field, or phases of floating point, from this sign of time to HoloPath's, or back."""
         if self.time == "+":  # phases are the arguments of such fields
             array = np.conj(array) if np.iscomplexobj(array) else -array
         return array
 
-    def theirs(self, array: np.ndarray) -> np.ndarray:
-        """The reverse of `ours`.
+    def from_holopath(self, array: np.ndarray) -> np.ndarray:
+        """Convert a field or phases from HoloPath's convention: the inverse of `to_holopath`.
 
         Raises
         ------
         InvalidInput
-            If there are several frames or wavelengths, and the convention has no axis for them.
+            If the array has several frames or wavelengths, and the convention no axis for them.
         """
         axes = self.axes or AXES
-        array = self.signed(array[..., ::-1, :] if self.rows == "bottom" else array)
+        array = self.convert_sign(array[..., ::-1, :] if self.rows == "bottom" else array)
         for place, name in enumerate(AXES):
             if name not in axes and array.shape[place] > 1:
-                raise InvalidInput(f"There are {array.shape[place]} {name}s: name an axis for them.")
+                raise InvalidInput(
+                    f"There are {array.shape[place]} {name}s, but no axis for them. Name it by --axes."
+                )
         array = array.transpose(
             [*(AXES.index(n) for n in AXES if n not in axes), *(AXES.index(n) for n in axes)]
         )
@@ -104,21 +106,21 @@ class Convention:
         axes = self.axes or AXES[max(0, len(AXES) - count) :]
         if len(axes) != count:
             raise InvalidInput(
-                f"The array has {count} axes, not {len(axes)} as {','.join(axes)}: name them by --axes, of "
+                f"Expected {len(axes)} axes, {','.join(axes)}, got {count}. Name the array's axes by --axes, among "
                 f"{','.join(AXES)}."
             )
         return axes
 
 
-# Read in their source, and tested against them where the tests name them (docs/files.md).
+# From the programs' sources, and tested against those that the tests name (docs/files.md).
 CONVENTIONS = {
     "holopath": Convention(),
-    # Field.data[x, y], both axes rising; transfer function exp(+i kz z).
+    # Field.data[x, y], both axes ascending; transfer function exp(+i kz z).
     "torchoptics": Convention(axes=("x", "y"), rows="bottom"),
-    # Hologram phases [y, x] as they are shown; its driver turns the sign, not the array.
+    # Hologram phases [y, x] as shown; its driver flips the sign, not the array.
     "slmsuite": Convention(axes=("y", "x")),
     # Tensors [wavelength, y, x]; transfer function exp(+i kz z).
     "odak": Convention(axes=("wavelength", "y", "x")),
-    # As pictures are indexed there.
+    # As MATLAB indexes pictures.
     "matlab": Convention(axes=("y", "x", "wavelength", "frame")),
 }

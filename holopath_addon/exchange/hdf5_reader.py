@@ -1,8 +1,7 @@
-"""A process of its own that reads an HDF5 file: damaged ones bring HDF5's library down, and whoever has it loaded.
+"""A program that reads an HDF5 file in a separate process, as damaged files crash HDF5's library.
 
 ``python hdf5_reader.py FILE FOLDER`` writes each data set of numbers as ``N.npy``, and ``contents.json`` with their
-names and their attributes, and the attributes on which all that is in the file agrees. It knows nothing of HoloPath,
-whose modules take their time.
+names and attributes, and the attributes on which the whole file agrees. It does not import HoloPath, to start fast.
 """
 
 import json
@@ -12,19 +11,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-COMPLEX = (
-    ("r", "i"),
-    ("re", "im"),
-    ("real", "imag"),
-    ("real", "imaginary"),
-)  # names of a compound's two numbers
-
-PER_ARRAY = ("units", "bits")  # attributes that tell nothing of other arrays
+# Names of the two numbers of a compound type that is complex
+COMPLEX = (("r", "i"), ("re", "im"), ("real", "imag"), ("real", "imaginary"))
+PER_ARRAY = ("units", "bits")  # attributes that hold for one array only
 
 
 def main(file, folder):
-    """Read it all."""
-    names, matlab, own = [], {}, {}
+    """Read a file, and write its contents to a folder."""
+    names, matlab, item_attributes = [], {}, {}
 
     def visit(name, item):
         if isinstance(item, h5py.Dataset) and item.size and item.dtype.kind in "fiucbV":
@@ -34,29 +28,29 @@ def main(file, folder):
                     matlab[name] = plain(item.attrs["MATLAB_class"])
                 np.save(folder / f"{len(names)}.npy", array)
                 names.append(name)
-        own[name] = known(item)
+        item_attributes[name] = attributes_of(item)
 
-    with h5py.File(file) as stored:
-        own["/"] = known(stored)
-        stored.visititems(visit)
-    attributes, several = {}, set()
-    for name, said in own.items():
-        said = said if name == "/" else {key: said[key] for key in said if key not in PER_ARRAY}
-        several |= {key for key in said if key in attributes and said[key] != attributes[key]}
-        attributes.update(said)
-    attributes = {key: value for key, value in attributes.items() if key not in several} | own.pop("/")
-    found = {"names": names, "matlab": matlab, "attributes": attributes, "own": own}
-    (folder / "contents.json").write_text(json.dumps(found))
+    with h5py.File(file) as root:
+        item_attributes["/"] = attributes_of(root)
+        root.visititems(visit)
+    shared, conflicts = {}, set()
+    for name, values in item_attributes.items():
+        values = values if name == "/" else {key: values[key] for key in values if key not in PER_ARRAY}
+        conflicts |= {key for key in values if key in shared and values[key] != shared[key]}
+        shared.update(values)
+    shared = {key: value for key, value in shared.items() if key not in conflicts} | item_attributes.pop("/")
+    contents = {"names": names, "matlab": matlab, "attributes": shared, "array_attributes": item_attributes}
+    (folder / "contents.json").write_text(json.dumps(contents))
 
 
-def known(item):
-    """Attributes of a file, a group or a data set that are words, numbers or lists of numbers."""
+def attributes_of(item):
+    """Attributes of a file, group or data set that are strings, numbers or lists of numbers."""
     values = {key: plain(value) for key, value in item.attrs.items()}
     return {key: value for key, value in values.items() if value is not None}
 
 
 def numbers(array):
-    """An array; complex, of a compound of two as MATLAB and others write them; None of other compounds."""
+    """An array of numbers, complex for compounds of two numbers as MATLAB writes them; None for other compounds."""
     if array.dtype.kind != "V":
         return array
     names = array.dtype.names or ()
@@ -70,7 +64,7 @@ def numbers(array):
 
 
 def plain(value):
-    """An attribute as words, numbers or a list of numbers; None of others."""
+    """An attribute as a string, number or list of numbers; None for other types."""
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     if isinstance(value, (np.ndarray, np.generic)):
@@ -81,5 +75,5 @@ def plain(value):
 if __name__ == "__main__":
     try:
         main(sys.argv[1], Path(sys.argv[2]))
-    except Exception as error:  # there is no end to what a file may hold
+    except Exception as error:  # a file may hold anything
         sys.exit(" ".join(str(error).split()) or type(error).__name__)

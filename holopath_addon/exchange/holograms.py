@@ -1,4 +1,4 @@
-"""Fields and phases as the contents of a file, and the reverse, also of files that other programs wrote."""
+"""Conversion of fields and phases to the contents of a file, and of files of any program to them."""
 
 from __future__ import annotations
 
@@ -19,54 +19,58 @@ from . import parts
 from .containers import Container
 from .conventions import AXES, SIGNS, Convention
 from .parts import AMPLITUDE, FIELD, IMAGINARY, INTENSITY, PHASE, REAL
-from .phases import CHOICES, LEVELS, TURN, known_units, radians_of
+from .phases import CHOICES, LEVELS, TURN, parse_units, radians_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 FORMAT_VERSION = 1
-FOCAL = 50e-3  # metres, of the eyepiece that a field is seen through where nothing says so
-NEAR = 1.0  # metres, of what is seen at the near end then
-MOST_LAYERS = 1 << 12  # frames times wavelengths
-IMPORTED = "imported"  # method of phases that nothing says more of
-TRANSFERS = ("linear", "srgb")  # from light to the numbers of a picture of amplitudes or intensities
-# holograms in a color picture: of slm.packing, those without a device's heights
+DEFAULT_FOCAL = 50e-3  # meters, of the eyepiece
+DEFAULT_NEAR = 1.0  # meters, world depth of the near end
+MAX_LAYERS = 1 << 12  # frames times wavelengths
+DEFAULT_METHOD = "imported"  # of phases
+TRANSFERS = (
+    "linear",
+    "srgb",
+)  # functions from light to the numbers of a picture of amplitudes or intensities
+# Numbers of holograms in a color picture; packings of slm.packing without a device's heights
 PACKINGS = {"colour": 3, "bits": 24} | {name: layout.each for name, layout in LAYOUTS.items()}
 
 
 @dataclass(frozen=True)
-class Given:
-    """What is said of a file's array; None stands for what the file says, and else for the default.
+class ReadOptions:
+    """Options for reading a file's arrays; None stands for the file's attribute, or else for the default.
 
     Attributes
     ----------
     array : str or mapping of str to str
-        Name of the only array, or of that of each role of `parts.ROLES`. Default: as the names say, in one way.
+        Name of the only array, or of the array of each role of `parts.ROLES`. Default: by the roles in the names, if
+        they are unambiguous.
     convention : Convention
-        Default: what the file says, else ours.
+        Default: HoloPath's.
     pitch : float or (float, float)
-        Metres; of pixels that are not square (x, y).
+        Pixel pitch, meters; (x, y) of pixels that are not square. Required.
     wavelengths : sequence of float
-        Metres.
+        Meters. Required.
     depth_range : (float, float)
-        Distances of the far and the near end from the SLM, metres. Default: what the aperture can show.
+        Distances of the far and the near end from the SLM, meters. Default: the range of the aperture.
     near : float
-        World depth at the near end, metres. Default: `NEAR`.
+        World depth at the near end, meters. Default: `DEFAULT_NEAR`.
     fov : float
-        Horizontal field of view, radians. Default: that of an eyepiece with the focal length `FOCAL`.
+        Horizontal field of view, radians. Default: that of an eyepiece with the focal length `DEFAULT_FOCAL`.
     distance : float
-        Of the plane that a field is given on from the SLM, metres. Default: 0.
+        Distance of a field's plane from the SLM, meters. Default: 0.
     bits : int
-        Of levels: 2^bits of them are a turn. Default: those of the array's type, if the levels fill it.
+        Bits of levels: 2^bits of them are a turn. Default: those of the array's type, if the levels fill it.
     units : str
-        Of phases, of `phases.CHOICES`. Default: what the file says, else what the numbers alone can be.
+        Units of phases, one of `phases.CHOICES`. Default: the only units that fit the numbers.
     transfer : str
-        Of amplitudes or intensities in whole numbers, of `TRANSFERS`.
+        Transfer function of amplitudes or intensities in integers, one of `TRANSFERS`.
     packing : str
-        How a color picture holds phases, of `PACKINGS`, or which bits of its channels a level is, as
-        `engine.waves.bit_layout` reads it. Default: three wavelengths.
+        Packing of phases in a color picture: one of `PACKINGS`, or bits of its channels, see
+        `engine.waves.bit_layout`. Default: three wavelengths.
     optics : Optics
-        The bench around the SLM. Default: what the file says, else the default one.
+        The bench around the SLM. Default: on-axis optics.
     """
 
     array: str | Mapping[str, str] | None = None
@@ -85,13 +89,13 @@ class Given:
 
 
 def container_of(thing: WaveField | PhaseHologram, convention: Convention | None = None) -> Container:
-    """A field or phases for a file.
+    """Convert a field or phases to the contents of a file.
 
     Parameters
     ----------
     thing : WaveField or PhaseHologram
     convention : Convention, optional
-        Default: ours.
+        Default: HoloPath's.
 
     Raises
     ------
@@ -122,66 +126,70 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
         attributes |= {"method": thing.method, "gains": list(thing.gains)}
     else:
         attributes["plan"] = json.dumps(thing.plan)
-    return Container({PHASE if phase else FIELD: convention.theirs(thing.data)}, attributes)
+    return Container({PHASE if phase else FIELD: convention.from_holopath(thing.data)}, attributes)
 
 
-def hologram_of(container: Container, given: Given | None = None) -> WaveField | PhaseHologram:
-    """A field or phases of a file's arrays: complex numbers, two real arrays, or phases alone.
+def hologram_of(container: Container, options: ReadOptions | None = None) -> WaveField | PhaseHologram:
+    """Convert a file's arrays to a field or phases: complex numbers, two real arrays, or only phases.
 
     Parameters
     ----------
     container : Container
-        Of a file, or of several by `read_parts`; attributes as `container_of` names them count, and none is needed.
+        Contents of a file, or of several by `read_parts`, with optional attributes as `container_of` writes them.
     given : Given, optional
-        What is said goes before what the file says.
+        These override the file's attributes.
 
     Raises
     ------
     InvalidInput
-        If something is missing, does not fit, can be read in two ways, or no display can have it.
+        If information is missing, contradictory or ambiguous, or does not fit any display.
     """
-    given = _with_bits(given or Given())
-    chosen = parts.choose(container, given.array)
-    main = next(role for role in (FIELD, PHASE, REAL) if role in chosen.arrays)
-    attributes = chosen.attributes | chosen.own[main]
-    pitch, wavelengths = _grid(given, attributes)
-    convention = given.convention or _convention(attributes)
-    layers = _laid_out(chosen, convention, given, wavelengths)
+    options = _with_bits(options or ReadOptions())
+    selection = parts.choose(container, options.array)
+    main = next(role for role in (FIELD, PHASE, REAL) if role in selection.arrays)
+    attributes = selection.attributes | selection.array_attributes[main]
+    pitch, wavelengths = _grid(options, attributes)
+    convention = options.convention or _convention(attributes)
+    layers = _reorder(selection, convention, options, wavelengths)
     data = layers[main]
     if len(wavelengths) != data.shape[1]:
-        said = "is 1 wavelength" if len(wavelengths) == 1 else f"are {len(wavelengths)} wavelengths"
         raise InvalidInput(
-            f"There {said} for {data.shape[1]} in the array, which has {_shape(chosen.arrays[main])}: name its axes by "
-            "--axes, or other --wavelengths."
+            f"The array of {_shape(selection.arrays[main])} has {data.shape[1]} on the axis of wavelengths, got "
+            f"{len(wavelengths)}. Name its axes by --axes, or give other --wavelengths."
         )
-    ends = given.depth_range or (
+    ends = options.depth_range or (
         _number(attributes, "depth_far_m"),
         _number(attributes, "depth_near_m"),
     )
     mapping = str(attributes.get("depth_mapping", "fit"))
     height, width = data.shape[-2:]
+    optics = _optics(attributes, options)
     # pyrefly: ignore[bad-argument-type]  # None for an end is its default
-    hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping, optics=_optics(attributes, given))
-    near = given.near or _number(attributes, "near_m") or NEAR
+    hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping, optics=optics)
+    near = options.near or _number(attributes, "near_m") or DEFAULT_NEAR
     if not 0 < near < math.inf:
-        raise InvalidInput(f"The near end of the scene must be a positive distance, not {near:g} m.")
-    camera = _camera(attributes, given.fov, hologram)
-    _refuse_unused(given, chosen)
-    if given.distance and set(layers) == {PHASE}:
-        raise InvalidInput("Phases are those of the SLM itself: leave out their distance from it.")
-    angle = radians_of(layers[PHASE], *_units(attributes, given, layers[PHASE])) if PHASE in layers else None
+        raise InvalidInput(f"The near end of the scene must be at a positive distance, got {near:g} m.")
+    camera = _camera(attributes, options.fov, hologram)
+    _refuse_unused(options, selection)
+    if options.distance and set(layers) == {PHASE}:
+        raise InvalidInput("Phases are those of the SLM itself. Omit the distance from it.")
+    angle = (
+        radians_of(layers[PHASE], *_units(attributes, options, layers[PHASE])) if PHASE in layers else None
+    )
     if set(layers) != {PHASE}:
-        field = _at_slm(_field(layers, angle, chosen, given, convention), given.distance or 0.0, hologram)
+        field = _at_slm(
+            _field(layers, angle, selection, options, convention), options.distance or 0.0, hologram
+        )
         return WaveField(field, hologram, camera, near, _plan(attributes))
     gains = _numbers(attributes, "gains") or (1.0,) * len(wavelengths)
     if len(gains) != len(wavelengths):
-        raise InvalidInput(f"There are {len(gains)} gains for {len(wavelengths)} wavelengths.")
-    method = str(attributes.get("method", IMPORTED))
+        raise InvalidInput(f"Expected a gain for each of {len(wavelengths)} wavelengths, got {len(gains)}.")
+    method = str(attributes.get("method", DEFAULT_METHOD))
     return PhaseHologram(_phases(data, angle, convention), hologram, camera, near, method, gains)
 
 
 def check_packing(name: str) -> str:
-    """The name, if it is of `PACKINGS` or bits of channels.
+    """Check that a name is one of `PACKINGS` or bits of channels, and return it.
 
     Raises
     ------
@@ -193,127 +201,125 @@ def check_packing(name: str) -> str:
 
 
 def _layout(packing):
-    """The `BitLayout` of a packing that is one, else None."""
+    """The `BitLayout` of a packing; None for other packings."""
     if packing is None or packing in ("colour", "bits"):
         return None
     return LAYOUTS.get(packing) or layout_beside(PACKINGS, packing)
 
 
-def _with_bits(given: Given) -> Given:
-    """What is said, with levels of the bits that a packing spreads over channels."""
-    layout = _layout(given.packing)
+def _with_bits(options: ReadOptions) -> ReadOptions:
+    """The options with units and bits of a packing that spreads levels over channels."""
+    layout = _layout(options.packing)
     if layout is None:
-        return given
-    if given.bits not in (None, layout.bits):
+        return options
+    if options.bits not in (None, layout.bits):
         raise InvalidInput(
-            f"The packing {given.packing} has levels of {layout.bits} bits, not {given.bits}: leave out --bits."
+            f"The packing {options.packing} has levels of {layout.bits} bits, not {options.bits}. Omit --bits."
         )
-    if given.units not in (None, LEVELS):
+    if options.units not in (None, LEVELS):
         raise InvalidInput(
-            f"The packing {given.packing} has levels, not {given.units}: leave out --units, or --packing."
+            f"The packing {options.packing} has levels, not {options.units}. Omit --units, or --packing."
         )
-    return replace(given, bits=layout.bits, units=LEVELS)
+    return replace(options, bits=layout.bits, units=LEVELS)
 
 
-def _refuse_unused(given, chosen):
-    """What is said of an array that is not there is a mistake."""
-    arrays = chosen.arrays
-    if PHASE not in arrays and (given.units or given.bits):
+def _refuse_unused(options, selection):
+    """Refuse options for arrays that do not exist."""
+    arrays = selection.arrays
+    if PHASE not in arrays and (options.units or options.bits):
+        raise InvalidInput("Units and bits apply to phases, and there are none. Omit --units and --bits.")
+    integers = [role for role in (AMPLITUDE, INTENSITY) if role in arrays and arrays[role].dtype.kind in "iu"]
+    if options.transfer and not integers:
         raise InvalidInput(
-            "Units and bits are those of phases, and there are none: leave out --units and --bits."
+            "--transfer applies to amplitudes or intensities in whole numbers, and there are none. Omit it."
         )
-    counted = [role for role in (AMPLITUDE, INTENSITY) if role in arrays and arrays[role].dtype.kind in "iu"]
-    if given.transfer and not counted:
-        raise InvalidInput(
-            "--transfer is of amplitudes or intensities in whole numbers, and there are none: leave it out."
-        )
-    if given.transfer not in (None, *TRANSFERS):
-        raise InvalidInput(
-            f"There is no transfer function {given.transfer}: choose {' or '.join(TRANSFERS)}."
-        )
+    if options.transfer not in (None, *TRANSFERS):
+        raise InvalidInput(f"Expected a transfer function {' or '.join(TRANSFERS)}, got {options.transfer}.")
 
 
-def _units(attributes, given, array):
-    """Units and bits of phases; what the file says of them counts where nothing else is said."""
-    units, bits = given.units, given.bits
+def _units(attributes, options, array):
+    """Units and bits of phases: the options', else the file's."""
+    units, bits = options.units, options.bits
     if units is None and "units" in attributes:
-        units = known_units(attributes["units"])
+        units = parse_units(attributes["units"])
         if units is None:
             raise InvalidInput(
-                f"The file's units are {str(attributes['units'])[:40]!r}: say by --units which of "
-                f"{', '.join(CHOICES)} the phases are in."
+                f"The file's units are {str(attributes['units'])[:40]!r}. Give those of the phases by --units: "
+                f"{', '.join(CHOICES)}."
             )
-    said = _number(attributes, "bits")
-    if said is not None and (units == LEVELS or (units is None and array.dtype.kind in "iub")):
-        if bits not in (None, said):
-            raise InvalidInput(f"The file's levels have {said:g} bits, not {bits}: leave out --bits.")
-        units, bits = LEVELS, int(said)
+    stored = _number(attributes, "bits")
+    if stored is not None and (units == LEVELS or (units is None and array.dtype.kind in "iub")):
+        if bits not in (None, stored):
+            raise InvalidInput(f"The file's levels have {stored:g} bits, not {bits}. Omit --bits.")
+        units, bits = LEVELS, int(stored)
     return units, bits
 
 
-def _laid_out(chosen, convention, given, wavelengths):
-    """Each role's numbers as shape (frame, wavelength, y, x), with the sign of time that the file has."""
-    arrays, axes = dict(chosen.arrays), convention.axes
-    if given.packing and (set(arrays) != {PHASE} or not chosen.colored):
-        raise InvalidInput("--packing is of phases in a color picture, and there is none: leave it out.")
-    if chosen.colored:
+def _reorder(selection, convention, options, wavelengths):
+    """Numbers of each role, shape (frame, wavelength, y, x), with the file's sign of time."""
+    arrays, axes = dict(selection.arrays), convention.axes
+    if options.packing and (set(arrays) != {PHASE} or not selection.color_arrays):
+        raise InvalidInput("--packing applies to phases in a color picture, and there is none. Omit it.")
+    if selection.color_arrays:
         of_frames = axes is not None and set(axes) == {"frame", "y", "x"}
-        arrays, last = (arrays, ("frame",)) if of_frames else _of_channels(chosen, given, wavelengths)
+        arrays, last = (arrays, ("frame",)) if of_frames else _of_channels(selection, options, wavelengths)
         axes = tuple(name for name in axes or AXES if name in ("y", "x")) + last
     if len({array.shape for array in arrays.values()}) > 1:
         sizes = " and ".join(f"{role} has {_shape(array)}" for role, array in arrays.items())
-        raise InvalidInput(f"The arrays differ: {sizes}: write both in one shape.")
+        raise InvalidInput(f"The arrays differ in shape: {sizes}. Write both in one shape.")
     convention = replace(convention, axes=axes)
-    stored = given.convention is None and not chosen.colored
-    return {role: _layers(array, convention, stored) for role, array in arrays.items()}
+    from_file = options.convention is None and not selection.color_arrays
+    return {role: _layers(array, convention, from_file) for role, array in arrays.items()}
 
 
-def _of_channels(chosen, given, wavelengths):
-    """Arrays of color pictures as phases and amplitudes, and the names of their axes after y and x."""
-    arrays, count = chosen.arrays, len(wavelengths)
-    if given.packing:
-        array, layout = arrays[PHASE], _layout(given.packing)
-        each = PACKINGS[given.packing] if layout is None else layout.each
-        if given.packing != "colour" and array.dtype != np.uint8:
+def _of_channels(selection, options, wavelengths):
+    """Arrays of color pictures, and the names of their axes after y and x."""
+    arrays, count = selection.arrays, len(wavelengths)
+    if options.packing:
+        array, layout = arrays[PHASE], _layout(options.packing)
+        each = PACKINGS[options.packing] if layout is None else layout.each
+        if options.packing != "colour" and array.dtype != np.uint8:
             raise InvalidInput(
-                f"Holograms lie in the bits of 8-bit channels, not of {array.dtype}: leave out --packing."
+                f"Holograms are packed in the bits of 8-bit channels, not of {array.dtype}. Omit --packing."
             )
-        if given.packing == "bits":
+        if options.packing == "bits":
             array = np.unpackbits(array, axis=-1, bitorder="little").view(bool)
         elif layout is not None:
             if layout.stray(array):
                 raise InvalidInput(
-                    f"The picture has bits besides those of the packing {given.packing}: choose another packing, or "
+                    f"The picture has bits besides those of the packing {options.packing}. Choose another packing, or "
                     "write it without them."
                 )
             array = np.stack(layout.gathered(array), -1)
         if each % count:
             raise InvalidInput(
-                f"{each} holograms are no whole frames of {count} wavelengths: give other --wavelengths."
+                f"{each} holograms are not a multiple of {count} wavelengths. Give other --wavelengths."
             )
         return {PHASE: array.reshape(*array.shape[:2], each // count, count)}, ("frame", "wavelength")
-    colored = [arrays[role] for role in chosen.colored]
-    if all((array == array[..., :1]).all() for array in colored):  # gray that is stored as colors
-        return {role: a[..., 0] if role in chosen.colored else a for role, a in arrays.items()}, ()
-    ways = "say --packing colour or bits for phases that share it, --array red, green or blue for one channel"
+    colors = [arrays[role] for role in selection.color_arrays]
+    if all((array == array[..., :1]).all() for array in colors):  # gray stored as RGB
+        return {role: a[..., 0] if role in selection.color_arrays else a for role, a in arrays.items()}, ()
+    ways = "--packing colour or bits for phases that share it, or --array red, green or blue for one channel"
     if count != 3:
         raise InvalidInput(
-            f"The picture has three channels for {count} wavelength{'s' if count > 1 else ''}: give three "
-            f"--wavelengths if they are its colors, or {ways}."
+            f"The picture has three channels for {count} wavelength{'s' if count > 1 else ''}. Give three "
+            f"--wavelengths if they are its colors, {ways}."
         )
     if not wavelengths[0] > wavelengths[1] > wavelengths[2]:
         raise InvalidInput(
-            "The channels are red, green and blue, and the wavelengths have another order: give --wavelengths from the "
-            "longest to the shortest, or say --packing colour to take them as they are."
+            "The channels are red, green and blue, but the wavelengths have another order. Give --wavelengths from the "
+            "longest to the shortest, or --packing colour to keep their order."
         )
     return arrays, ("wavelength",)
 
 
-def _field(layers, angle, chosen, given, convention):
-    """Complex amplitude, complex64, of one complex array or of two real ones."""
+def _field(layers, angle, selection, options, convention):
+    """Complex amplitude, complex64, from one complex array or two real ones."""
     first = next(iter(layers.values()))
     field = np.empty(first.shape, np.complex64)
-    scales = {role: _scale(chosen, role, given.transfer) for role in (AMPLITUDE, INTENSITY) if role in layers}
+    scales = {
+        role: _scale(selection, role, options.transfer) for role in (AMPLITUDE, INTENSITY) if role in layers
+    }
     for number in range(len(first)):
         frame = {role: data[number] for role, data in layers.items()}
         with np.errstate(over="ignore", invalid="ignore"):
@@ -326,30 +332,30 @@ def _field(layers, angle, chosen, given, convention):
                 size = scales[role](frame[role])
                 if (size < 0).any():
                     raise InvalidInput(
-                        f"The {role} goes below 0: give it as real and imaginary, or write it without the sign."
+                        f"The {role} has negative values. Give it as real and imaginary, or write it without the sign."
                     )
                 light = (np.sqrt(size) if role == INTENSITY else size) * np.exp(1j * angle(frame[PHASE]))
-            field[number] = convention.signed(light)
+            field[number] = convention.convert_sign(light)
         if not np.isfinite(field[number]).all():
-            raise InvalidInput("The field has values that single precision does not hold: scale it down.")
+            raise InvalidInput("The field has values beyond single precision. Scale it down.")
     return field
 
 
-def _scale(chosen, role, transfer):
-    """The function from the numbers of an amplitude or intensity to values, with 1 for the largest whole number."""
-    array = chosen.arrays[role]
+def _scale(selection, role, transfer):
+    """Make the function from numbers of an amplitude or intensity to values; the largest integer becomes 1."""
+    array = selection.arrays[role]
     if array.dtype.kind in "fb":
         return lambda part: np.asarray(part, np.float64)
     if array.dtype.kind != "u" or array.dtype.itemsize > 2:
         raise InvalidInput(
-            f"The {role} is of {array.dtype}, which has no largest value: write numbers with a fraction."
+            f"The {role} is of {array.dtype}, whose largest value is unclear. Write floating-point numbers."
         )
     if transfer is None:
         raise InvalidInput(
             f"The {role} is in whole numbers, which can be proportional to it (--transfer linear) or encoded for "
-            "screens (--transfer srgb): say which."
+            "screens (--transfer srgb). Choose one."
         )
-    full = 2 ** int(chosen.own[role].get("bits", 8 * array.dtype.itemsize)) - 1
+    full = 2 ** int(selection.array_attributes[role].get("bits", 8 * array.dtype.itemsize)) - 1
 
     def values(part):
         part = np.asarray(part, np.float64) / full
@@ -364,7 +370,7 @@ def _phases(data, angle, convention):
     """Radians in [0, 2 pi), float32."""
     phases = np.empty(data.shape, np.float32)
     for number, frame in enumerate(data):
-        phases[number] = np.mod(convention.signed(angle(frame)), TURN)
+        phases[number] = np.mod(convention.convert_sign(angle(frame)), TURN)
     phases[phases >= np.float32(TURN)] = 0
     return phases
 
@@ -380,41 +386,41 @@ def _convention(attributes):
     )
 
 
-def _layers(array, convention, stored):
-    """An array as a view of shape (frame, wavelength, y, x)."""
+def _layers(array, convention, from_file):
+    """A view of an array, shape (frame, wavelength, y, x); `from_file`: the convention is the file's."""
     if array.ndim > len(AXES):
         raise InvalidInput(
-            f"The array has {array.ndim} axes, and at most {len(AXES)} have a meaning: write {', '.join(AXES)} alone, "
-            "and amplitude and phase, or real and imaginary, as two arrays."
+            f"Expected an array of at most {len(AXES)} axes, {', '.join(AXES)}, got {array.ndim}. Write amplitude and "
+            "phase, or real and imaginary, as two arrays."
         )
-    if stored and convention.axes is not None:  # MATLAB leaves out the last axes where they have one place
+    if from_file and convention.axes is not None:  # MATLAB omits trailing axes of length 1
         array = array.reshape(*array.shape, *(1,) * (len(convention.axes) - array.ndim))
-    data = convention.laid_out(array)
-    if 0 in data.shape or math.prod(data.shape[:2]) > MOST_LAYERS:
-        raise InvalidInput(f"An array of {_shape(array)} is no hologram's: see its axes.")
+    data = convention.reorder(array)
+    if 0 in data.shape or math.prod(data.shape[:2]) > MAX_LAYERS:
+        raise InvalidInput(f"An array of {_shape(array)} cannot be a hologram. Name its axes by --axes.")
     shortage(4 * array.nbytes, "Reading the array")
     for frame in data:
         if not np.isfinite(frame).all():
-            raise InvalidInput("The array holds values that are not finite: write it again.")
+            raise InvalidInput("The array has values that are not finite. Write it again.")
     return data
 
 
-def _grid(given, attributes):
-    pitch = given.pitch or _pitch(attributes)
-    wavelengths = given.wavelengths or _numbers(attributes, "wavelengths_m")
+def _grid(options, attributes):
+    pitch = options.pitch or _pitch(attributes)
+    wavelengths = options.wavelengths or _numbers(attributes, "wavelengths_m")
     if not pitch:
-        raise InvalidInput("The file does not say the pixel pitch: give --pitch, in micrometers.")
+        raise InvalidInput("The file has no pixel pitch. Give --pitch, in micrometers.")
     if not wavelengths:
-        raise InvalidInput("The file does not say the wavelengths: give --wavelengths, in nanometers.")
+        raise InvalidInput("The file has no wavelengths. Give --wavelengths, in nanometers.")
     return pitch, tuple(wavelengths)
 
 
 def _pitch(attributes):
-    """One number, or the two of pixels that are not square."""
+    """The pixel pitch: one number, or two for pixels that are not square."""
     values = _numbers(attributes, "pitch_m")
     if values is not None and len(values) > 2:
         raise InvalidInput(
-            f"The file's pitch_m are {len(values)} numbers: it should be one, or those of x and y."
+            f"Expected pitch_m of the file to be one number, or those of x and y, got {len(values)} numbers."
         )
     return values[0] if values is not None and len(values) == 1 else values
 
@@ -422,49 +428,47 @@ def _pitch(attributes):
 def _number(attributes, name):
     values = _numbers(attributes, name)
     if values is not None and len(values) != 1:
-        raise InvalidInput(f"The file's {name} are {len(values)} numbers: it should be one.")
+        raise InvalidInput(f"Expected {name} of the file to be one number, got {len(values)}.")
     return values and values[0]
 
 
 def _numbers(attributes, name):
-    said = attributes.get(name)
-    return (
-        None
-        if said is None
-        else tuple(_finite(v, name) for v in (said if isinstance(said, list) else [said]))
-    )
+    values = attributes.get(name)
+    if values is None:
+        return None
+    return tuple(_finite(value, name) for value in (values if isinstance(values, list) else [values]))
 
 
 def _finite(value, name):
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InvalidInput(f"The file's {name} is {str(value)[:40]!r}: it should be a number.")
+        raise InvalidInput(f"Expected {name} of the file to be a number, got {str(value)[:40]!r}.")
     return float(value)
 
 
-def _optics(attributes, given):
-    if given.optics is not None or "optics" not in attributes:
-        return given.optics or ON_AXIS
+def _optics(attributes, options):
+    if options.optics is not None or "optics" not in attributes:
+        return options.optics or ON_AXIS
     try:
         return Optics.from_dict(json.loads(attributes["optics"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(
-            f"The file's optics cannot be read ({error}): give --beam, --carrier, --stop and --lens."
+            f"The file's optics cannot be read ({error}). Give --beam, --carrier, --stop and --lens."
         ) from error
 
 
 def _camera(attributes, fov, hologram):
-    said = attributes.get("camera")
-    if said is None:
+    text = attributes.get("camera")
+    if text is None:
         grid, lens = hologram.in_air, hologram.optics.lens
-        focal = lens.focal if lens and hologram.depth_mapping == "eyepiece" else FOCAL
+        focal = lens.focal if lens and hologram.depth_mapping == "eyepiece" else DEFAULT_FOCAL
         default = 2 * math.atan(grid.width * grid.pitch_x / (2 * focal))
         return Camera(np.eye(4), fov or default)
     try:
-        camera = Camera.from_dict(json.loads(said))
+        camera = Camera.from_dict(json.loads(text))
     except InvalidInput:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidInput(f"The file's camera cannot be read ({error}): write the file again.") from error
+        raise InvalidInput(f"The file's camera cannot be read ({error}). Write the file again.") from error
     return replace(camera, fov_x=fov) if fov else camera
 
 
@@ -479,9 +483,9 @@ def _plan(attributes):
 def _at_slm(field, distance, hologram):
     if not distance:
         return field
-    for colour, wavelength in enumerate(hologram.wavelengths):
+    for color, wavelength in enumerate(hologram.wavelengths):
         for frame in field:
-            frame[colour] = propagate(frame[colour], -distance, hologram.pitch_at(wavelength), wavelength)
+            frame[color] = propagate(frame[color], -distance, hologram.pitch_at(wavelength), wavelength)
     return field
 
 

@@ -1,7 +1,7 @@
-"""Scene files of Mitsuba: what of a file counts, and where its viewer stands.
+"""Scene files of Mitsuba: their scene, view and notes.
 
-Films, integrators, samplers and reconstruction filters are read for what they say of the view and of the light, and
-then replaced by Mitsuba's plainest: so those of older versions and of other programs stop no scene.
+Films, integrators, samplers and reconstruction filters are read for the view and the length of paths, and then
+replaced by Mitsuba's simplest ones. So plugins of older versions and of other programs do not prevent loading.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from ..engine.scene import variants
 if TYPE_CHECKING:
     import mitsuba as mi
 
-DEFAULT_FILM = 768, 576  # Mitsuba's, in pixels
-# Vertices of a light path, of integrators without a limit and at most. A closed room that reflects 0.8 is within 3 % of
-# Mitsuba's with 32, and 7 % too dark with 8.
+DEFAULT_FILM = 768, 576  # pixels, Mitsuba's default
+# Vertices of a light path: for integrators without a limit, and the maximum. A closed room with a reflectance of 0.8 is
+# within 3 % of Mitsuba's with 32, and 7 % too dark with 8.
 UNLIMITED_DEPTH, MAX_DEPTH = 32, 64
-# The plugin that takes the place of a node's own, by its kind.
+# Plugins that replace a node's, by its kind.
 REPLACEMENTS = {
     "Film": "hdrfilm",
     "Integrator": "path",
@@ -34,28 +34,28 @@ REPLACEMENTS = {
     "ReconstructionFilter": "box",
 }
 FILM_SIZES = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
-# Words of Mitsuba's own reader, which takes parameters by their names.
+# Names of arguments of Mitsuba's parser, which takes parameters as keyword arguments.
 RESERVED = ("config", "filename")
-ANOTHER_ASPECT = 0.01  # relative difference from which two pictures differ in shape; pixels are whole
+ASPECT_TOLERANCE = 0.01  # relative difference of aspects, which are rounded to whole pixels
 
 
 @dataclass(frozen=True)
 class Film:
-    """Size of a film and the part of it that is rendered, in pixels.
+    """Size of a film and its crop window, in pixels.
 
     Attributes
     ----------
     width, height : int
     crop : (int, int, int, int)
-        Left, top, width and height of the crop window; all of the film where there is none.
-    stated : bool
-        Whether the file gives a size; else it is Mitsuba's default.
+        Left, top, width and height of the crop window; without one, those of the film.
+    has_size : bool
+        Whether the file gives a size; otherwise it is Mitsuba's default.
     """
 
     width: int = DEFAULT_FILM[0]
     height: int = DEFAULT_FILM[1]
     crop: tuple = (0, 0, *DEFAULT_FILM)
-    stated: bool = False
+    has_size: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -63,21 +63,21 @@ class Film:
         return self.crop[2], self.crop[3]
 
     @property
-    def cropped(self) -> bool:
-        """Whether it is a part of the film."""
+    def is_cropped(self) -> bool:
+        """Whether the crop window is smaller than the film."""
         return self.crop != (0, 0, self.width, self.height)
 
 
 @dataclass(frozen=True)
 class BuiltScene:
-    """A scene file as Mitsuba built it.
+    """The scene of a file.
 
     Attributes
     ----------
     scene : mitsuba.Scene
     camera : Camera
     notes : list of dict
-        What is shown otherwise than Mitsuba would: object, feature, effect, material.
+        Differences from Mitsuba's rendering: object, feature, effect, material.
     """
 
     scene: mi.Scene
@@ -94,20 +94,20 @@ class MitsubaFile:
     definitions : dict of str to str, optional
         Values of the file's `$parameters`.
     strict : bool
-        Whether a definition that the file does not use is an error.
+        Whether to refuse a definition that the file does not use.
 
     Raises
     ------
     InvalidInput
         If Mitsuba cannot parse it, or a parameter has neither a value nor a default.
     BackendUnavailable
-        Where Mitsuba cannot run.
+        If Mitsuba cannot run.
     """
 
     def __init__(self, path: Path, definitions: dict | None = None, strict: bool = True) -> None:
         self.path, self._definitions, self._strict = path, dict(definitions or {}), strict
         variants.activate()
-        self._state = self._parsed()
+        self._state = self._parse()
 
     @cached_property
     def sensors(self) -> list[tuple[str, Any]]:
@@ -116,13 +116,13 @@ class MitsubaFile:
         return [(node.props.id(), node.props) for node in nodes]
 
     def film(self, camera: str | None = None) -> Film:
-        """The film of the sensor with the id `camera`, or of the first sensor."""
+        """Film of the sensor with the id `camera`, or of the first sensor."""
         props = self._sensor(camera)[1]
         return Film() if props is None else self._film(props)
 
     @property
     def max_depth(self) -> int:
-        """Longest light path in vertices, the integrator's."""
+        """Maximum length of a light path in vertices, the integrator's."""
         for node in self._integrators:
             depth = 2 if node.props.plugin_name() == "direct" else node.props.get("max_depth", -1)
             if isinstance(depth, int) and depth > 0:
@@ -130,12 +130,19 @@ class MitsubaFile:
         return UNLIMITED_DEPTH
 
     def build(self, size: tuple[int, int], camera: str | None = None) -> BuiltScene:
-        """Have Mitsuba build the scene, for a hologram of `size` pixels, seen from the sensor `camera`.
+        """Build the scene by Mitsuba.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height of the hologram in pixels.
+        camera : str, optional
+            Id of the sensor. Default: the first one.
 
         Raises
         ------
         InvalidInput
-            If Mitsuba refuses it, or it has no such sensor.
+            If Mitsuba refuses the scene, or it has no such sensor.
         """
         import mitsuba as mi
 
@@ -144,22 +151,22 @@ class MitsubaFile:
         number, props = self._sensor(camera)
         film = Film() if props is None else self._film(props)
         notes = self._notes(props, film, size)
-        state, config = self._parsed(), self._config()
+        state, config = self._parse(), self._config()
         if _kind(state.nodes[0]) != "Scene":
-            raise InvalidInput(f"{self.path} is no scene: its outermost element must be <scene>.")
+            raise InvalidInput(f"{self.path} is not a scene: its outermost element must be <scene>.")
         for node in state.nodes:
             self._replace(node)
         others = set(_sensors_of(state)) - {_sensors_of(state)[number]} if self.sensors else ()
-        for index in others:  # whatever they are
+        for index in others:  # of any type
             state.nodes[index].props = _plain("perspective", state.nodes[index])
         try:
             with _beside(self.path):
                 mi.parser.transform_all(config, state)
                 scene = building.built(config, state)
         except Exception as error:
-            raise self._refused(error) from error
+            raise self._refusal(error) from error
         if props is None or number >= len(scene.sensors()):
-            raise InvalidInput(f"{self.path} has no sensor: add a perspective one.")
+            raise InvalidInput(f"{self.path} has no sensor. Add a perspective one.")
         viewer = camera_of(scene.sensors()[number], size, _axis(props))
         if any(node.props.get("hide_emitters", False) for node in self._integrators):
             viewer = replace(viewer, sees_sky=False)
@@ -168,7 +175,7 @@ class MitsubaFile:
                     _note(
                         "integrator",
                         "hide_emitters",
-                        "the environment is hidden, shapes that shine are seen",
+                        "the environment is hidden, emitting shapes are visible",
                     )
                 )
         return BuiltScene(scene, viewer, notes)
@@ -181,18 +188,18 @@ class MitsubaFile:
         from ..engine.scene.meshes import building
 
         config = building.configuration()
-        config.unused_parameters = mi.LogLevel.Debug  # `_check_definitions` has words of its own
+        config.unused_parameters = mi.LogLevel.Debug  # `_check_definitions` has its own message
         return config
 
-    def _parsed(self):
-        """Mitsuba's tree of the file, with the names and references of its own version."""
+    def _parse(self):
+        """Parse the file to Mitsuba's tree, upgraded to the current version and with references resolved."""
         import mitsuba as mi
 
         config = self._config()
         try:
             with _beside(self.path):
                 if self._definitions.keys() & set(RESERVED):
-                    state = mi.parser.parse_string(config, self._wrapped())
+                    state = mi.parser.parse_string(config, self._wrapper())
                 else:
                     state = mi.parser.parse_file(config, str(self.path), **self._definitions)
                 mi.parser.transform_upgrade(config, state)
@@ -202,15 +209,15 @@ class MitsubaFile:
             if missing:
                 name = missing[1]
                 raise InvalidInput(
-                    f"{self.path} has a parameter ${name} without a default: add --define {name}=VALUE."
+                    f"{self.path} has a parameter ${name} without a default. Add --define {name}=VALUE."
                 ) from error
-            raise self._refused(error) from error
+            raise self._refusal(error) from error
         if self._strict:
             self._check_definitions([Path(str(path)) for path in state.files])
         return state
 
-    def _wrapped(self):
-        """A file that sets the parameters and includes this one, for names that Mitsuba's reader keeps to itself."""
+    def _wrapper(self):
+        """A scene that defines the parameters and includes the file, for parameters with names of `RESERVED`."""
         from xml.sax.saxutils import quoteattr
 
         lines = [
@@ -225,16 +232,16 @@ class MitsubaFile:
         for name in self._definitions:
             if not re.search(rf"\${name}\b", text):
                 names = sorted(set(re.findall(r"(?<!\\)\$(\w+)", text)))
-                there = f"it has {', '.join(names)}" if names else "it has none"
-                raise InvalidInput(f"{self.path} has no parameter ${name} to define: {there}.")
+                known = f"It has {', '.join(names)}" if names else "It has none"
+                raise InvalidInput(f"{self.path} has no parameter ${name} to define. {known}.")
 
-    def _refused(self, error):
+    def _refusal(self, error):
         reason = re.sub(r"\[\w+\.cpp:\d+\] ", "", " ".join(str(error).split())).rstrip(".")
         if (
             "incompatible sizes" in reason and 'type "ply"' in reason
-        ):  # Mitsuba's word for a mesh of no triangles
+        ):  # Mitsuba's error for a mesh without triangles
             return InvalidInput(
-                f"{self.path} has a .ply without faces: give the .ply itself instead of the .xml to show its points."
+                f"{self.path} has a .ply without faces. Give the .ply itself instead of the .xml to show its points."
             )
         end = "" if reason.endswith("!") else "."
         return InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}{end}")
@@ -244,14 +251,14 @@ class MitsubaFile:
         return [node for node in self._state.nodes if _kind(node) == "Integrator"]
 
     def _sensor(self, camera):
-        """Number and properties of a sensor; None of one that is not there, where none is named."""
+        """Index and properties of a sensor; 0 and None for the default one of a file without sensors."""
         if camera is None:
             return (0, self.sensors[0][1]) if self.sensors else (0, None)
         for number, (name, props) in enumerate(self.sensors):
             if name == camera:
                 return number, props
-        ids = ", ".join(name for name, _ in self.sensors if name) or "those that you give an id"
-        raise InvalidInput(f"{self.path} has no sensor '{camera}': choose one of {ids}.")
+        ids = ", ".join(name for name, _ in self.sensors if name) or "none with an id"
+        raise InvalidInput(f"Expected a sensor of {self.path} ({ids}), got '{camera}'.")
 
     def _film(self, sensor):
         for index in _children(sensor):
@@ -265,7 +272,7 @@ class MitsubaFile:
             value = props.get(name, 0)
             if not isinstance(value, int) or isinstance(value, bool) or value < 0:
                 raise InvalidInput(
-                    f"{self.path}: the film's {name} is {value}: give a whole number of pixels."
+                    f"Expected the film's {name} in {self.path} as a whole number of pixels, got {value}."
                 )
         width, height = props.get("width", DEFAULT_FILM[0]), props.get("height", DEFAULT_FILM[1])
         crop = (
@@ -277,32 +284,31 @@ class MitsubaFile:
         if crop[0] + crop[2] > width or crop[1] + crop[3] > height or min(crop[2:]) < 1:
             raise InvalidInput(
                 f"{self.path}: the film's crop window of {crop[2]} x {crop[3]} pixels at {crop[0]}, {crop[1]} does not "
-                f"lie on its {width} x {height} pixels: correct its offset or size."
+                f"fit its {width} x {height} pixels. Correct its offset or size."
             )
         return Film(width, height, crop, any(name in props for name in FILM_SIZES))
 
-    # -- what is shown otherwise
+    # -- differences
 
     def _notes(self, sensor, film, size):
         notes = []
         if sensor is None:
             return notes
-        if film.stated and abs(film.size[0] * size[1] / (film.size[1] * size[0]) - 1) > ANOTHER_ASPECT:
-            what = "crop window" if film.cropped else "film"
-            kept = _AXES[_axis(sensor)]
+        if film.has_size and abs(film.size[0] * size[1] / (film.size[1] * size[0]) - 1) > ASPECT_TOLERANCE:
+            name = "crop window" if film.is_cropped else "film"
             effect = (
-                f"the hologram's {size[0]} x {size[1]} have another shape: {kept} of the view is kept, and "
-                "more or less is seen across; leave out --resolution and --display to see the same"
+                f"the hologram's {size[0]} x {size[1]} have another aspect: {_AXES[_axis(sensor)]} of the view stays, "
+                "the other side differs; omit --resolution and --display for the same view"
             )
-            notes.append(_note(what, f"{film.size[0]} x {film.size[1]} pixels", effect))
+            notes.append(_note(name, f"{film.size[0]} x {film.size[1]} pixels", effect))
         if sensor.plugin_name() == "thinlens":
             radius, focus = sensor.get("aperture_radius", 0.0), sensor.get("focus_distance", math.inf)
-            effect = "the pupil is the hologram's own, and every depth comes into focus"
+            effect = "the hologram has its own pupil, and every depth comes into focus"
             if math.isfinite(focus):
-                effect += f"; --focus {focus:g}m shows the file's"
+                effect += f"; use --focus {focus:g}m for the file's"
             notes.append(_note("sensor", f"aperture_radius {radius:g}", effect))
         if "srf" in sensor:
-            notes.append(_note("sensor", "srf", "ignored: colors are those of the scene in RGB"))
+            notes.append(_note("sensor", "srf", "ignored: the scene's colors are RGB"))
         for index in _children(sensor):
             node = self._state.nodes[index]
             if _kind(node) != "Film":
@@ -318,7 +324,7 @@ class MitsubaFile:
         return notes
 
     def _replace(self, node):
-        """A plain plugin where another would do as well; what a sensor has for spectra goes."""
+        """Replace a plugin by the simplest one of its kind, and remove a sensor's spectral response."""
         kind = _kind(node)
         if kind == "Sensor" and "srf" in node.props:
             del node.props["srf"]
@@ -333,7 +339,7 @@ class MitsubaFile:
         node.props = plain
 
 
-# What of the view stays by `fov_axis`, where a hologram has another shape than the film.
+# The extent that stays for each `fov_axis`, if a hologram has another aspect than the film.
 _AXES = {
     "x": "the width",
     "y": "the height",
@@ -344,13 +350,13 @@ _AXES = {
 
 
 def _axis(sensor):
-    """Along which axis a sensor's properties give its field of view."""
+    """The axis of a sensor's field of view."""
     axis = str(sensor.get("fov_axis", "x")).lower() if "fov" in sensor else "diagonal"
     return axis if axis in _AXES else "x"
 
 
 def _plain(plugin, node):
-    """Properties of a plugin that takes the place of a node's, without any parameter."""
+    """Default properties of a plugin that replaces a node's."""
     import mitsuba as mi
 
     plain = mi.Properties(plugin)
@@ -359,7 +365,7 @@ def _plain(plugin, node):
 
 
 def _sensors_of(state):
-    """Numbers of the scene's sensors, in the file's order."""
+    """Indices of the scene's sensors, in the file's order."""
     return [index for index in _children(state.nodes[0]) if _kind(state.nodes[index]) == "Sensor"]
 
 
@@ -368,7 +374,7 @@ def _kind(node):
 
 
 def _children(props_or_node):
-    """Numbers of the nodes that one holds, in the file's order."""
+    """Indices of a node's children, in the file's order."""
     props = getattr(props_or_node, "props", props_or_node)
     return [value.index() for _, value in props.items() if type(value).__name__ == "ResolvedReference"]
 
@@ -379,26 +385,26 @@ def _note(thing, feature, effect):
 
 @contextmanager
 def _beside(path):
-    """Let Mitsuba find files beside a scene file while the block runs, as `mitsuba.load_file` does."""
+    """Make Mitsuba find files beside a scene file within the block, as `mitsuba.load_file` does."""
     import mitsuba
 
-    mi: Any = mitsuba  # whose stubs have it otherwise
-    before = mi.file_resolver()
-    resolver = mi.FileResolver(before)
+    mi: Any = mitsuba  # its stubs differ
+    previous = mi.file_resolver()
+    resolver = mi.FileResolver(previous)
     resolver.prepend(str(path.parent))
     mi.set_file_resolver(resolver)
     try:
         yield
     finally:
-        mi.set_file_resolver(before)
+        mi.set_file_resolver(previous)
 
 
 def camera_of(sensor: mi.Sensor, size: tuple[int, int] | None = None, axis: str = "x") -> Camera:
-    """Viewer at a Mitsuba `perspective` or `thinlens` sensor.
+    """Convert a Mitsuba `perspective` or `thinlens` sensor to a camera.
 
-    Mitsuba's sensors look along +z with x to the left, Blender's along -z. The film's crop window is what is seen.
-    A hologram of another shape has the same middle, and along one axis the same extent: for a whole film that is what
-    Mitsuba makes of `fov_axis` with a film of that size.
+    Mitsuba's sensors look along +z with x to the left, Blender's along -z. The view is that of the film's crop window.
+    A hologram of another aspect has the same center, and the same extent along one axis, as Mitsuba does by `fov_axis`
+    for a film of that size.
 
     Parameters
     ----------
@@ -406,7 +412,7 @@ def camera_of(sensor: mi.Sensor, size: tuple[int, int] | None = None, axis: str 
     size : (int, int), optional
         Width and height of the hologram. Default: those of the crop window.
     axis : {'x', 'y', 'smaller', 'larger', 'diagonal'}
-        Whose extent stays.
+        The axis whose extent stays.
 
     Returns
     -------
@@ -415,15 +421,15 @@ def camera_of(sensor: mi.Sensor, size: tuple[int, int] | None = None, axis: str 
     Raises
     ------
     InvalidInput
-        If it is another kind of sensor.
+        If the sensor is of another kind.
     """
     import mitsuba as mi
 
     params = mi.traverse(sensor)
     if "x_fov" not in params or "to_world" not in params:
         raise InvalidInput(
-            f"The scene's sensor '{sensor.id()}' ({sensor.class_name()}) is not a perspective one: add one of type "
-            "'perspective' or 'thinlens', or choose one with --camera."
+            f"The scene's sensor '{sensor.id()}' ({sensor.class_name()}) is not a perspective one. Add one of type "
+            "'perspective' or 'thinlens', or choose one by --camera."
         )
 
     def number(key, default=0.0):
@@ -432,7 +438,7 @@ def camera_of(sensor: mi.Sensor, size: tuple[int, int] | None = None, axis: str 
     film = sensor.film()
     (width, height), (crop_width, crop_height) = film.size(), film.crop_size()
     left, top = film.crop_offset()
-    # tangents of half the film's width, and of the crop window's halves and middle
+    # tangents of angles: a pixel, the crop window's half sides, and its center
     pixel = 2 * math.tan(0.5 * math.radians(number("x_fov"))) / width
     half_width, half_height = 0.5 * pixel * crop_width, 0.5 * pixel * crop_height
     right = pixel * (left + 0.5 * crop_width + (number("principal_point_offset_x") - 0.5) * width)
@@ -450,7 +456,7 @@ def camera_of(sensor: mi.Sensor, size: tuple[int, int] | None = None, axis: str 
 
 
 def _half_width(half_width, half_height, aspect, axis):
-    """Half the width of a view of another aspect, of which the extent along an axis is that of a given view."""
+    """Half the width of a view of another aspect that has a given view's extent along an axis."""
     if axis == "y":
         return half_height * aspect
     if axis == "diagonal":

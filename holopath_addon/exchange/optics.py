@@ -1,6 +1,4 @@
-"""The bench by words, as `--beam`, `--carrier`, `--stop`, `--lens` and `--color-scale` take them, and with arrays of
-other programs' files.
-"""
+"""Parsers of the bench: the options `--beam`, `--carrier`, `--stop`, `--lens` and `--color-scale`, and their files."""
 
 from __future__ import annotations
 
@@ -21,21 +19,25 @@ COLOR_WORDS = {
     "color_distance": ("distance of colors", "MM[,MM..], one for each wavelength"),
     "color_shift": ("shift of colors", "X,Y[,X,Y..] in millimeters, two for each wavelength"),
 }
-# Unit of each kind's numbers in words, in that of `Beam`.
+# Factor from a number in the text to that of `Beam`.
 _UNITS = {"tilt": math.radians(1), "point": 1e-3, "gaussian": 1e-3}
 _ROLES = ({FIELD}, {AMPLITUDE}, {INTENSITY}, {AMPLITUDE, PHASE}, {INTENSITY, PHASE})
 
 
 def parse_beam(text: str) -> Beam:
-    """The beam of words: degrees of a tilt, millimeters of all others, to the right and up; or of a file.
+    """Parse a beam: `BEAM_WORDS`, with a tilt in degrees and other numbers in millimeters, to the right and up.
 
-    A file is one of complex numbers, or ``amplitude=FILE`` or ``intensity=FILE``, with ``,phase=FILE`` in radians
-    where that was measured, too. Its numbers are taken in proportion, whatever the largest is.
+    A file has complex numbers, or is ``amplitude=FILE`` or ``intensity=FILE``, optionally with ``,phase=FILE`` in
+    radians. Only the ratio of its numbers matters.
+
+    Parameters
+    ----------
+    text : str
 
     Raises
     ------
     InvalidInput
-        If the words are none, or the file cannot be read or can be read in two ways.
+        If the text is not a beam, or the file cannot be read or can be read in two ways.
     BackendUnavailable
         If the library for the file is not installed.
     """
@@ -45,17 +47,17 @@ def parse_beam(text: str) -> Beam:
     if kind in _UNITS:
         return Beam(kind, tuple(_UNITS[kind] * number for number in _numbers(text, numbers)))
     if not beam_files(text):
-        raise InvalidInput(f"'{text}' is no beam: give {BEAM_WORDS}.")
+        raise InvalidInput(f"Expected a beam {BEAM_WORDS}, got '{text}'.")
     return measured_beam(beam_files(text))
 
 
 def measured_beam(files: dict[str, Path]) -> Beam:
-    """The beam of files by what they hold, see `beam_files`; raises as `parse_beam` does."""
+    """Read a measured beam from files by role, see `beam_files`; raises as `parse_beam`."""
     return Beam("measured", measured=_measured(files))
 
 
 def beam_files(text: str | None) -> dict[str, Path]:
-    """Files that the words of a beam name, by what they hold."""
+    """Files in the text of a beam, by the role of their arrays."""
     if text is None or text == "flat" or text.partition(":")[0] in _UNITS:
         return {}
     if "=" not in text:
@@ -65,7 +67,7 @@ def beam_files(text: str | None) -> dict[str, Path]:
 
 
 def parse_carrier(text: str) -> tuple[float, float] | str:
-    """The carrier of words, see `engine.Optics`.
+    """Parse a carrier: ``X,Y`` in units of the band's edge, or ``auto``; see `engine.Optics`.
 
     Raises
     ------
@@ -75,18 +77,24 @@ def parse_carrier(text: str) -> tuple[float, float] | str:
         return text
     numbers = _numbers(text, text, "carrier", "X,Y in units of the band's edge, or auto")
     if len(numbers) != 2:
-        raise InvalidInput(f"'{text}' is no carrier: give X,Y in units of the band's edge, or auto.")
+        raise InvalidInput(f"Expected a carrier X,Y in units of the band's edge, or auto, got '{text}'.")
     return numbers[0], numbers[1]
 
 
 def parse_colors(name: str, text: str) -> tuple:
-    """Where colors lie by words, see `engine.Optics`, in millimeters: a scale, a distance, or x and y for each.
+    """Parse the scale, distance or shift of each color, see `engine.Optics`.
 
     Parameters
     ----------
     name : str
-        Of `engine.optics.COLORS`.
+        One of `engine.optics.COLORS`.
     text : str
+        Numbers with commas, one per wavelength, two for shifts; distances and shifts in millimeters.
+
+    Returns
+    -------
+    tuple
+        In meters.
 
     Raises
     ------
@@ -97,39 +105,41 @@ def parse_colors(name: str, text: str) -> tuple:
     if name != "color_shift":
         return tuple(numbers)
     if len(numbers) % 2:
-        raise InvalidInput(f"'{text}' is no {words[0]}: give {words[1]}.")
+        raise InvalidInput(f"Expected a {words[0]} {words[1]}, got '{text}'.")
     return tuple(zip(numbers[::2], numbers[1::2], strict=True))
 
 
 def parse_stop(text: str) -> Stop:
-    """The stop of words, with the angle of a half in degrees; or of a picture, which is open where it is bright.
+    """Parse a stop: `STOP_WORDS`, with the angle of a half in degrees, or a picture that is bright where it is open.
 
     Raises
     ------
     InvalidInput
-        If the words are none, or the picture cannot be read.
+        If the text is not a stop, or the picture cannot be read.
     BackendUnavailable
         If the library for it is not installed.
     """
     kind, colon, numbers = text.partition(":")
     if kind in ("circle", "half", "rectangle"):
         unit = math.radians(1) if kind == "half" else 1.0
-        given = _numbers(text, numbers, "stop", STOP_WORDS) if colon else []
-        return Stop(kind, tuple(unit * number for number in given))
+        values = _numbers(text, numbers, "stop", STOP_WORDS) if colon else []
+        return Stop(kind, tuple(unit * value for value in values))
     if not stop_files(text):
-        raise InvalidInput(f"'{text}' is no stop: give {STOP_WORDS}.")
+        raise InvalidInput(f"Expected a stop {STOP_WORDS}, got '{text}'.")
     return measured_stop(Path(text))
 
 
 def measured_stop(path: Path) -> Stop:
-    """The stop of a picture, which is open where it is bright; raises as `parse_stop` does."""
+    """Read a stop from a picture that is bright where it is open; raises as `parse_stop`."""
     array = _array("stop", path)
     return Stop("measured", measured=array > array.max() / 2)
 
 
 def parse_lens(text: str) -> Lens | None:
-    """The lens of words: its focal length, how far behind the SLM it stands, and how far behind it the picture does, in
-    millimeters, and what share of the width there the picture has; None of ``none``.
+    """Parse a lens: `LENS_WORDS`; None for ``none``.
+
+    The numbers are the focal length, the distance from the SLM to the lens, the distance from the lens to the picture,
+    in millimeters, and the fraction of the width there that the picture fills.
 
     Raises
     ------
@@ -142,37 +152,40 @@ def parse_lens(text: str) -> Lens | None:
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 4:
-        raise InvalidInput(f"'{text}' is no lens: give {LENS_WORDS}.")
+        raise InvalidInput(f"Expected a lens {LENS_WORDS}, got '{text}'.")
     return Lens(*(1e-3 * number for number in numbers[:3]), *numbers[3:])
 
 
 def stop_files(text: str | None) -> dict[str, Path]:
-    """The file that the words of a stop name."""
-    named = text is not None and text.partition(":")[0] not in ("circle", "half", "rectangle")
-    return {"stop": Path(text)} if text and named and Path(text).suffix else {}
+    """The file in the text of a stop, by its role."""
+    is_shape = not text or text.partition(":")[0] in ("circle", "half", "rectangle")
+    return {} if is_shape or not Path(text).suffix else {"stop": Path(text)}
 
 
-def _numbers(text, numbers, what="beam", words=BEAM_WORDS):
+def _numbers(text, numbers, name="beam", words=BEAM_WORDS):
     try:
         return [float(part) for part in numbers.split(",")]
     except ValueError:
-        raise InvalidInput(f"'{text}' is no {what}: give {words}.") from None
+        raise InvalidInput(f"Expected a {name} {words}, got '{text}'.") from None
 
 
 def _measured(files):
     if set(files) not in _ROLES:
         raise InvalidInput(
-            f"{' and '.join(files)} make no beam: give amplitude=FILE or intensity=FILE, with ,phase=FILE or without."
+            "Expected a beam of amplitude=FILE or intensity=FILE, optionally with ,phase=FILE, got "
+            f"{' and '.join(files)}."
         )
     arrays = {role: _array(role, path) for role, path in files.items()}
     if FIELD in arrays:
         return arrays[FIELD]
     if len({array.shape for array in arrays.values()}) > 1:
         sizes = " and ".join(f"{role} of {array.shape}" for role, array in arrays.items())
-        raise InvalidInput(f"The beam's files differ, {sizes}: write both in one shape.")
+        raise InvalidInput(f"The beam's files differ, {sizes}. Write both in one shape.")
     size = arrays[AMPLITUDE] if AMPLITUDE in arrays else arrays[INTENSITY]
     if (size < 0).any():
-        raise InvalidInput(f"{next(iter(files.values()))} goes below 0: take off its background first.")
+        raise InvalidInput(
+            f"{next(iter(files.values()))} has negative values. Subtract its background first."
+        )
     size = size if AMPLITUDE in arrays else np.sqrt(size)
     return size * np.exp(1j * arrays[PHASE]) if PHASE in arrays else size
 
@@ -180,26 +193,26 @@ def _measured(files):
 def _array(role, path):
     """The only array of a file that can have a role."""
     container = read(path)
-    found = {name: array for name, array in container.arrays.items() if array.ndim > 1}
-    named = {name: array for name, array in found.items() if role_of(name, array) == role}
-    found = named if len(named) == 1 else found
-    if len(found) != 1:
+    arrays = {name: array for name, array in container.arrays.items() if array.ndim > 1}
+    matches = {name: array for name, array in arrays.items() if role_of(name, array) == role}
+    arrays = matches if len(matches) == 1 else arrays
+    if len(arrays) != 1:
         raise InvalidInput(
-            f"{path} has {len(found)} arrays of two or more axes: write the {role} to a file of its own."
+            f"{path} has {len(arrays)} arrays of two or more axes. Write the {role} to a separate file."
         )
-    ((name, array),) = found.items()
-    if name in container.colored:
+    ((name, array),) = arrays.items()
+    if name in container.color_arrays:
         if not (array == array[..., :1]).all():
-            raise InvalidInput(f"{path} has colors: write the {role} as a gray picture.")
+            raise InvalidInput(f"{path} has colors. Write the {role} as a gray picture.")
         array = array[..., 0]
     if (role == FIELD) != np.iscomplexobj(array):
         if role == FIELD:
             raise InvalidInput(
-                f"{path} can be a beam's amplitude or its intensity: say amplitude={path} or intensity={path}."
+                f"{path} can be a beam's amplitude or its intensity. Give amplitude={path} or intensity={path}."
             )
         raise InvalidInput(
-            f"{path} holds complex numbers, which are no {role}: give it without {role}=, as a beam."
+            f"{path} has complex numbers, which cannot be a {role}. Give it without {role}=, as a beam."
         )
     if role == PHASE and array.dtype.kind != "f":
-        raise InvalidInput(f"{path} has whole numbers: write the phases of a beam in radians.")
+        raise InvalidInput(f"{path} has whole numbers. Write the phases of a beam in radians.")
     return array if role == FIELD else array.astype(float)

@@ -1,20 +1,20 @@
-"""Libraries that only some kinds of files need."""
+"""Import of libraries that only some kinds of files need."""
 
 from typing import Any
 
 from ..engine import BackendUnavailable
 
 
-def needed(module: str) -> Any:
-    """A library's module.
+def import_library(module: str) -> Any:
+    """Import a module by its name.
 
     Raises
     ------
     BackendUnavailable
-        If it is not installed.
+        If its library is not installed.
     """
     try:
         return __import__(module, fromlist=["numpy"])
     except ImportError as error:
         name = module.partition(".")[0]
-        raise BackendUnavailable(f"Such files need {name}: install it with `pip install {name}`.") from error
+        raise BackendUnavailable(f"Such files need {name}. Run `pip install {name}`.") from error

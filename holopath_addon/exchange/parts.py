@@ -1,4 +1,4 @@
-"""Which arrays of which files make a field or phases: complex numbers, or two real arrays, or phases alone."""
+"""Choice of the arrays that make a field or phases: complex numbers, two real arrays, or only phases."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..engine import InvalidInput
 from .containers import Container, read
 from .pictures import CHANNELS
 
-FIELD, PHASE = "field", "phase"  # also the names of our own arrays
+FIELD, PHASE = "field", "phase"  # also the names of HoloPath's arrays
 AMPLITUDE, INTENSITY, REAL, IMAGINARY = "amplitude", "intensity", "real", "imaginary"
 ROLES = (PHASE, AMPLITUDE, INTENSITY, REAL, IMAGINARY)
 PAIRS = ((AMPLITUDE, PHASE), (INTENSITY, PHASE), (REAL, IMAGINARY))
 COMPLETE = ({FIELD}, {PHASE}, *map(set, PAIRS))
-# What an array is by the words of its name.
+# Words in names of arrays, by role.
 _WORDS = {
     PHASE: "phase phases phi angle angles arg argument",
     AMPLITUDE: "amplitude amplitudes amp magnitude mag modulus abs",
@@ -29,97 +29,99 @@ _WORDS = {
 }
 _ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split()}
 _PER_ARRAY = ("units", "bits")  # attributes of an array, not of the light
-MAX_NAMES = 20  # in a sentence
+MAX_NAMES = 20  # in a message
 
-Parts = dict[str, str]  # array's name by its role
+Parts = dict[str, str]  # names of arrays by role
 
 
 def read_parts(files: Mapping[str, Path | str], arrays: Mapping[str, str] | None = None) -> Container:
-    """The arrays of a field that lie in several files, as one container with a role's name for each.
+    """Read the arrays of a field from several files into one container, in which their names are their roles.
 
     Parameters
     ----------
     files : mapping of str to path
-        A file for each role, of amplitude and phase, intensity and phase, or real and imaginary.
+        A file for each role: amplitude and phase, intensity and phase, or real and imaginary.
     arrays : mapping of str to str, optional
-        Which array of the role's file. Default: the only one, or that whose name says the role.
+        Name of the array in the role's file. Default: the only one, or the one with the role in its name.
 
     Raises
     ------
     InvalidInput
-        If a file cannot be read, the roles make no field, an array is not the only one, or the files say different
-        things.
+        If a file cannot be read, the roles do not make a field, an array is ambiguous, or the files contradict each
+        other.
     BackendUnavailable
         If the library for a file is not installed.
     """
-    _require_complete(set(files), "What the files give is")
-    whole, said = Container({}), {}
+    _require_complete(set(files), "The files give")
+    whole, shared = Container({}), {}
     for role, path in files.items():
         container = read(path)
-        found = _planes(container)
+        planes = _planes(container)
         name = (arrays or {}).get(role)
         if name is None:
-            names = list(found) if len(found) == 1 else [n for n in found if role_of(n, found[n]) == role]
+            names = list(planes) if len(planes) == 1 else [n for n in planes if role_of(n, planes[n]) == role]
             if len(names) != 1:
                 raise InvalidInput(
-                    f"Which array of {path} is the {role}: {_listed(found)}? Say it by --array {role}=NAME."
+                    f"Expected one array for the {role} in {path}, found {_enumerate(planes)}. Choose by --array "
+                    f"{role}=NAME."
                 )
             name = names[0]
-        array, colored = _taken(container, name, path)
+        array, has_colors = _array_of(container, name, path)
         if np.iscomplexobj(array) != (role == FIELD):
             kind, other = ("real", PHASE) if role == FIELD else ("complex", FIELD)
             raise InvalidInput(
-                f"{path} holds {kind} numbers, which are no {role}: give {other}={path} if they are a {other}."
+                f"{path} has {kind} numbers, which cannot be a {role}. Give {other}={path} if they are a {other}."
             )
         whole.arrays[role] = array
-        whole.colored |= {role} if colored else set()
-        attributes = {**container.attributes, **container.own.get(name, {})}
-        whole.own[role] = {key: attributes.pop(key) for key in _PER_ARRAY if key in attributes}
+        whole.color_arrays |= {role} if has_colors else set()
+        attributes = {**container.attributes, **container.array_attributes.get(name, {})}
+        whole.array_attributes[role] = {key: attributes.pop(key) for key in _PER_ARRAY if key in attributes}
         for key, value in attributes.items():
-            if key in said and said[key] != value:
-                raise InvalidInput(f"The files say different things of {key}: write both alike.")
-            said[key] = value
-    whole.attributes.update(said)
+            if key in shared and shared[key] != value:
+                raise InvalidInput(f"The files differ in {key}. Write the same in both.")
+            shared[key] = value
+    whole.attributes.update(shared)
     return whole
 
 
-def choose(container: Container, named: str | Mapping[str, str] | None) -> Container:
-    """The arrays of a file that make a field or phases, as a container with a role's name for each.
+def choose(container: Container, names: str | Mapping[str, str] | None) -> Container:
+    """Choose the arrays of a file that make a field or phases: a container in which their names are their roles.
 
     Parameters
     ----------
     container : Container
-    named : str or mapping of str to str, optional
-        Name of the only array, or of one for each role. Default: as their names say, if they say it in one way.
+    names : str or mapping of str to str, optional
+        Name of the only array, or of the array of each role. Default: by the roles in their names, if they are
+        unambiguous.
 
     Raises
     ------
     InvalidInput
-        If there is none, or more than one way.
+        If there is no such array, or more than one choice.
     """
     arrays = _planes(container)
-    if named is None:
-        named = _only_reading(arrays, container)
-        name = named.get(FIELD, "")
-        if _named_role(name) not in (None, FIELD, AMPLITUDE):
+    if names is None:
+        names = _only_reading(arrays, container)
+        name = names.get(FIELD, "")
+        if _role_of_name(name) not in (None, FIELD, AMPLITUDE):
             raise InvalidInput(
-                f"{name} holds complex numbers, and its name says otherwise: say --array field={name} if they are a "
+                f"{name} has complex numbers, which contradict its name. Give --array field={name} if they are a "
                 "field, or write real numbers."
             )
-    elif isinstance(named, str):
-        named = {role_of(named, _taken(container, named)[0]) or PHASE: named}
-    _require_complete(set(named), "What the file gives is")
+    elif isinstance(names, str):
+        names = {role_of(names, _array_of(container, names)[0]) or PHASE: names}
+    _require_complete(set(names), "The file gives")
     whole = Container({}, dict(container.attributes))
-    for role, name in named.items():
-        whole.arrays[role], colored = _taken(container, name)
-        whole.own[role] = container.own.get(name, {})
-        whole.colored |= {role} if colored else set()
+    for role, name in names.items():
+        whole.arrays[role], has_colors = _array_of(container, name)
+        whole.array_attributes[role] = container.array_attributes.get(name, {})
+        whole.color_arrays |= {role} if has_colors else set()
         if np.iscomplexobj(whole.arrays[role]) != (role == FIELD):
             raise InvalidInput(
-                f"{name} holds complex numbers, which are no {role}: say --array {name} if they are a field."
+                f"{name} has complex numbers, which cannot be a {role}. Give --array {name} if they are a field."
                 if role != FIELD
-                else f"{name} holds real numbers, which are no field: say --array phase={name} if they are phases, or "
-                "write complex numbers."
+                else f"{name} has real numbers, which cannot be a field. Give --array phase={name} if they are phases, "
+                "or write complex numbers."
             )
     return whole
 
@@ -128,26 +130,24 @@ def _planes(container):
     return {name: array for name, array in container.arrays.items() if array.ndim > 1}
 
 
-def _taken(container, name, where="the file"):
-    """An array and whether it has colors; a channel of the only picture by its color."""
+def _array_of(container, name, where="the file"):
+    """An array, or a channel of the only picture by its color; and whether the array has colors."""
     arrays = _planes(container)
     if name in arrays:
-        return arrays[name], name in container.colored
-    if name in CHANNELS and len(container.colored) == 1:
-        return container.arrays[next(iter(container.colored))][..., CHANNELS.index(name)], False
-    names = [*arrays, *(CHANNELS if container.colored else ())]
-    raise InvalidInput(
-        f"There is no array {name} of two or more axes in {where}: choose among {_listed(names)}."
-    )
+        return arrays[name], name in container.color_arrays
+    if name in CHANNELS and len(container.color_arrays) == 1:
+        return container.arrays[next(iter(container.color_arrays))][..., CHANNELS.index(name)], False
+    names = [*arrays, *(CHANNELS if container.color_arrays else ())]
+    raise InvalidInput(f"Expected an array of two or more axes in {where} ({_enumerate(names)}), got {name}.")
 
 
 def role_of(name, array):
-    """What an array is by its type, else by its name; None if that does not say it."""
-    return FIELD if np.iscomplexobj(array) else _named_role(name)
+    """Role of an array by its type, or by its name; None if it is unknown."""
+    return FIELD if np.iscomplexobj(array) else _role_of_name(name)
 
 
-def _named_role(name):
-    """What an array is by the last part of its name; None if that does not say it."""
+def _role_of_name(name):
+    """Role in the last part of a name; None without one."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name.rpartition("/")[2])
     roles = {_ROLE_OF[word.lower()] for word in words if word.lower() in _ROLE_OF}
     if len(roles) > 1:
@@ -172,7 +172,7 @@ def _only_reading(arrays, container) -> Parts:
     if len(readings) > 1:
         ways = [" and ".join(reading.values()) for reading in readings[:MAX_NAMES]]
         raise InvalidInput(
-            f"The file can be read as {', '.join(ways[:-1])} or {ways[-1]}: choose by --array, as --array "
+            f"The file can be read as {', '.join(ways[:-1])} or {ways[-1]}. Choose by --array, such as --array "
             f"{_option(readings[0])} or --array {_option(readings[-1])}."
         )
     if readings:
@@ -180,8 +180,8 @@ def _only_reading(arrays, container) -> Parts:
         if set(readings[0]) == {PHASE} and others:
             (name,) = readings[0].values()
             raise InvalidInput(
-                f"The file has {_listed(others)} beside {name}: say --array {name} for phases alone, or the amplitude, "
-                f"too, as --array amplitude={others[0]},phase={name}."
+                f"The file has {_enumerate(others)} besides {name}. Give --array {name} for only phases, or the "
+                f"amplitude, too, such as --array amplitude={others[0]},phase={name}."
             )
         return readings[0]
     if len(arrays) == 1:
@@ -189,10 +189,10 @@ def _only_reading(arrays, container) -> Parts:
         return {role_of(name, array) or PHASE: name}
     if not arrays:
         raise InvalidInput(
-            f"There is no array of two or more axes in the file: it has {_listed(container.arrays)}."
+            f"Expected an array of two or more axes in the file, found {_enumerate(container.arrays)}."
         )
     raise InvalidInput(
-        f"Which of the arrays is it: {_listed(arrays)}? Name one by --array, or say what they are, as --array "
+        f"Expected one array, found {_enumerate(arrays)}. Name one by --array, or give their roles, such as --array "
         "amplitude=NAME,phase=NAME or real=NAME,imaginary=NAME."
     )
 
@@ -203,20 +203,18 @@ def _option(reading):
     return ",".join(f"{role}={name}" for role, name in reading.items())
 
 
-def _require_complete(roles, what):
+def _require_complete(roles, subject):
     unknown = roles - {FIELD, *ROLES}
     if unknown:
-        raise InvalidInput(
-            f"There is no role {', '.join(map(str, unknown))}: choose among {', '.join(ROLES)}."
-        )
+        raise InvalidInput(f"Expected roles among {', '.join(ROLES)}, got {', '.join(map(str, unknown))}.")
     if roles not in COMPLETE:
-        listed = " and ".join(role for role in (FIELD, *ROLES) if role in roles)
+        names = " and ".join(role for role in (FIELD, *ROLES) if role in roles)
         raise InvalidInput(
-            f"{what} {listed}, which makes no field: give phase with amplitude or intensity, real with imaginary, or "
-            "phase alone, as --array amplitude=NAME,phase=NAME or as files amplitude=FILE phase=FILE."
+            f"{subject} {names}, but a field needs phase with amplitude or intensity, real with imaginary, or only "
+            "phase. Give them as --array amplitude=NAME,phase=NAME or as files amplitude=FILE phase=FILE."
         )
 
 
-def _listed(names):
+def _enumerate(names):
     names = list(names)
     return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")

@@ -1,7 +1,7 @@
-"""Pictures as arrays of what is stored in them, with no transfer function and no color of a palette in between.
+"""Readers of pictures as arrays of stored numbers, without a transfer function or palette.
 
-Each reader gives arrays of shape (y, x), or (y, x, 3) of red, green and blue, and the bits of their levels where they
-are less than the type's. Several pages of a TIFF file are an array of more axes.
+Each reader returns arrays of shape (y, x), or (y, x, 3) of red, green and blue, and the bits of their levels if they
+are fewer than the type's. Several pages of a TIFF file become an array of more axes.
 """
 
 from __future__ import annotations
@@ -14,40 +14,33 @@ import numpy as np
 from ..engine import InvalidInput
 from ..engine.memory import shortage
 from ..engine.scene import variants
-from .optional import needed
+from .optional import import_library
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     Pictures = tuple[dict[str, np.ndarray], int | None]
 
-PICTURE, PAGES = "picture", "pages"  # names of the array of a file that has one
+PICTURE, PAGES = "picture", "pages"  # names of the only array of a file
 CHANNELS = ("red", "green", "blue")
 REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)  # x and y of red, green, blue and white
 MULTIPART, DEEP = 0x1000, 0x800  # flags of an EXR file
-_LOSSLESS = (
-    1,
-    5,
-    8,
-    32773,
-    32946,
-    34925,
-    50000,
-)  # of TIFF: none, LZW, deflate, PackBits, deflate, LZMA, Zstandard
+# TIFF's compression schemes none, LZW, deflate, PackBits, deflate, LZMA, Zstandard
+_LOSSLESS = (1, 5, 8, 32773, 32946, 34925, 50000)
 
 
 def read_png(path: Path) -> Pictures:
-    """8 or 16 bits a channel; 1, 2 and 4 as whole numbers from 0."""
+    """Read a PNG file of 8 or 16 bits per channel, or of 1, 2 or 4 bits as integers from 0."""
     with open(path, "rb") as file:
         head = file.read(26)
     pixels, (depth, kind) = _bitmap(path), head[24:26]
-    if kind == 0 and depth < 8:  # the library stretches them to 0..255
+    if kind == 0 and depth < 8:  # Mitsuba stretches them to 0..255
         return {PICTURE: pixels // np.uint8(255 // (2**depth - 1))}, depth
     return {PICTURE: pixels}, None
 
 
 def read_bmp(path: Path) -> Pictures:
-    """8 bits of gray, or of each channel."""
+    """Read a BMP file of 8 bits per channel, gray or RGB."""
     with open(path, "rb") as file:
         head = file.read(54)
         _, size = struct.unpack_from("<II", head, 10)
@@ -55,24 +48,24 @@ def read_bmp(path: Path) -> Pictures:
         file.seek(14 + size)
         palette = np.frombuffer(file.read(1024), np.uint8)
     pixels = _bitmap(path)
-    if bits <= 8:  # the library reads places in the palette
+    if bits <= 8:  # Mitsuba reads indices of the palette
         colors = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
         if pixels.max() >= len(colors) or (colors != np.arange(len(colors))[:, None]).any():
-            raise InvalidInput(f"{path} has a palette of colors: write it as a gray or RGB picture.")
+            raise InvalidInput(f"{path} has a palette of colors. Write it as a gray or RGB picture.")
     return {PICTURE: pixels}, None
 
 
 def read_exr(path: Path) -> Pictures:
-    """Each layer under its name; a file of one without a name as `PICTURE`."""
+    """Read the layers of an EXR file by name; a layer without a name is `PICTURE`."""
     with open(path, "rb") as file:
         flags, header = _exr_header(file.read(1 << 16))
     if flags & (MULTIPART | DEEP):
-        raise InvalidInput(f"{path} has several parts, or deep pixels: write one part with all channels.")
+        raise InvalidInput(f"{path} has several parts, or deep pixels. Write one part with all channels.")
     if header.get("dataWindow") != header.get("displayWindow"):
-        raise InvalidInput(f"{path} holds a part of its picture alone: write it without a crop.")
+        raise InvalidInput(f"{path} holds only a part of its picture. Write it without a crop.")
     primaries = header.get("chromaticities")
     if primaries and not np.allclose(struct.unpack("<8f", primaries), REC_709, atol=1e-3):
-        raise InvalidInput(f"{path} has primaries of its own, which mix its channels: write it without.")
+        raise InvalidInput(f"{path} has other primaries than Rec. 709, which mix its channels. Omit them.")
     bitmap = variants.bitmaps().Bitmap(str(path))
     pixels = np.array(bitmap, copy=False)
     pixels = pixels if pixels.ndim == 3 else pixels[..., np.newaxis]
@@ -82,11 +75,11 @@ def read_exr(path: Path) -> Pictures:
         if not layer and channel not in ("R", "G", "B", "A", "Y"):
             layer, channel = channel, "Y"
         layers.setdefault(layer or PICTURE, {})[channel] = pixels[..., place]
-    return {name: _joined(path, name, channels) for name, channels in layers.items()}, None
+    return {name: _join_channels(path, name, channels) for name, channels in layers.items()}, None
 
 
-def _joined(path, name, channels):
-    """A layer's channels as one array."""
+def _join_channels(path, name, channels):
+    """Join a layer's channels to one array."""
     alpha = channels.pop("A", None)
     if alpha is not None:
         _require_opaque(path, alpha, 1)
@@ -94,36 +87,36 @@ def _joined(path, name, channels):
         return np.stack([channels[c] for c in "RGB"], -1)
     if len(channels) != 1:
         raise InvalidInput(
-            f"{path} has the channels {', '.join(channels)[:80]} in {name}: write one of them, or R, G and B."
+            f"{path} has the channels {', '.join(channels)[:80]} in {name}. Write one of them, or R, G and B."
         )
     return next(iter(channels.values())).copy()
 
 
 def _exr_header(data):
-    """Flags, and the attributes of the first part."""
-    flags, at, found = int.from_bytes(data[4:8], "little"), 8, {}
+    """Flags of an EXR file, and the attributes of its first part."""
+    flags, at, attributes = int.from_bytes(data[4:8], "little"), 8, {}
     while 0 < (end := data.find(b"\0", at)) != at:
         kind = data.find(b"\0", end + 1)
         size = int.from_bytes(data[kind + 1 : kind + 5], "little")
-        found[data[at:end].decode("latin-1")] = data[kind + 5 : kind + 5 + size]
+        attributes[data[at:end].decode("latin-1")] = data[kind + 5 : kind + 5 + size]
         at = kind + 5 + size
-    return flags, found
+    return flags, attributes
 
 
 def read_tiff(path: Path) -> Pictures:
-    """Whole numbers of any size, numbers with a fraction and complex ones; more than one page as a further axis."""
-    tifffile = needed("tifffile")
+    """Read a TIFF file of integers, floats or complex numbers; several pages become another axis."""
+    tifffile = import_library("tifffile")
     with tifffile.TiffFile(path) as file:
         if len(file.series) != 1:
-            raise InvalidInput(f"{path} has {len(file.series)} pictures of different kinds: write one.")
+            raise InvalidInput(f"{path} has {len(file.series)} pictures of different kinds. Write one.")
         series, page = file.series[0], file.series[0].keyframe
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
             raise InvalidInput(
-                f"{path} has its numbers as {page.photometric.name}: write it as gray with black at 0, or RGB."
+                f"{path} stores its numbers as {page.photometric.name}. Write it as gray with black at 0, or RGB."
             )
         if page.compression not in _LOSSLESS:
             raise InvalidInput(
-                f"{path} is compressed by {page.compression.name}, which may change numbers: write it without."
+                f"{path} is compressed by {page.compression.name}, which may change numbers. Write it without."
             )
         shortage(2 * series.nbytes, "Reading the picture")
         pixels, axes = series.asarray(), series.axes
@@ -134,15 +127,15 @@ def read_tiff(path: Path) -> Pictures:
             _require_opaque(path, pixels[..., 3 if pixels.shape[-1] == 4 else 1 :], _full(pixels.dtype))
             pixels = pixels[..., : 3 if pixels.shape[-1] == 4 else 1]
         if pixels.shape[-1] not in (1, 3):
-            raise InvalidInput(f"{path} has {pixels.shape[-1]} channels: write one, or red, green and blue.")
+            raise InvalidInput(f"{path} has {pixels.shape[-1]} channels. Write one, or red, green and blue.")
         pixels = pixels[..., 0] if pixels.shape[-1] == 1 else pixels
-    few = isinstance(bits, int) and pixels.dtype.kind == "u" and bits < 8 * pixels.dtype.itemsize
+    fewer = isinstance(bits, int) and pixels.dtype.kind == "u" and bits < 8 * pixels.dtype.itemsize
     name = PICTURE if axes in ("YX", "YXS", "SYX") else PAGES
-    return {name: np.ascontiguousarray(pixels)}, bits if few else None
+    return {name: np.ascontiguousarray(pixels)}, bits if fewer else None
 
 
 def _bitmap(path):
-    """Whole numbers of a PNG or BMP picture, (y, x) or (y, x, 3)."""
+    """Integers of a PNG or BMP picture, shape (y, x) or (y, x, 3)."""
     pixels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError("it has neither 8 nor 16 bits")
@@ -160,5 +153,5 @@ def _full(dtype):
 def _require_opaque(path, alpha, full):
     if (alpha != full).any():
         raise InvalidInput(
-            f"{path} has an alpha channel that is not opaque, and pixels of an SLM are: write it without one."
+            f"{path} has an alpha channel that is not opaque, but pixels of an SLM are opaque. Write it without alpha."
         )

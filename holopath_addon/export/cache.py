@@ -1,9 +1,8 @@
-"""What an export keeps for the next one, so that a scene update costs what changed.
+"""The cache of exports, so that a scene update costs only its changes.
 
-Blender tells which datablocks changed: `depsgraph_update_post` and `frame_change_post` list those that were
-evaluated again, by their `session_uid`, which outlives renames and is never given twice. Whatever is cheap
-(transforms, material slots, visibility, lamps) is read at every export and compared instead. Undo, redo and
-opening a file forget everything.
+Blender reports changes: `depsgraph_update_post` and `frame_change_post` list datablocks that were evaluated again, by
+their `session_uid`, which survives renames and is never reused. Cheap data (transforms, material slots, visibility,
+lights) is read at every export and compared instead. Undo, redo and opening a file clear the cache.
 """
 
 import os
@@ -25,22 +24,21 @@ _listening = weakref.WeakSet()
 class ExportCache:
     """Meshes, materials and textures of the last export, for the viewport's depsgraph.
 
-    A render's own depsgraph (F12) is never cached: Blender makes it anew for every render, and the window's
-    updates say nothing about it. What Blender does not report is never kept either: metaballs, objects in
-    another mode than Object Mode, images that were painted on but not saved, image sequences.
+    A render's own depsgraph (F12) is never cached: Blender creates it for every render, and the window's updates do
+    not cover it. Data whose changes Blender does not report is never cached, either: metaballs, objects in another
+    mode than Object Mode, painted images that are not saved, image sequences.
 
-    Memory: the Mitsuba meshes (44 bytes a face corner with normals and UVs, 12 a triangle) and bitmaps of
-    the last exported scene, which that scene holds anyway; the arrays of meshes that may be joined, half as much
-    again; and the pixels of its images, 4 bytes each,
-    16 where they are floats. `clear` lets go of them, `close` also stops listening.
+    Memory: the Mitsuba meshes (44 bytes per face corner with normals and UVs, 12 per triangle) and bitmaps of the last
+    exported scene, which that scene holds anyway; the arrays of meshes that may be joined, half as much again; and the
+    pixels of its images, 4 bytes each, 16 for floats. `clear` frees them, `close` also stops listening.
     """
 
     def __init__(self):
-        self._moved, self._changed = set(), set()
+        self._transforms, self._changes = set(), set()
         self.clear()
 
     def begin(self, depsgraph):
-        """Forget what changed since the last export; to be called before anything is read.
+        """Drop what changed since the last export; call it before reading anything.
 
         Parameters
         ----------
@@ -50,58 +48,58 @@ class ExportCache:
         if not _listen(self) or context != self._context:
             self.clear()
         self._context = context
-        moved, changed = self._moved, self._changed
-        self._moved, self._changed = set(), set()
-        self.appearances.forget(moved | changed)
+        transforms, changed = self._transforms, self._changes
+        self._transforms, self._changes = set(), set()
+        self.appearances.forget(transforms | changed)
         self._meshes = {key: mesh for key, mesh in self._meshes.items() if not mesh.sources & changed}
 
     def mesh(self, key, sources):
-        """The kept mesh of an evaluated mesh, or an empty one.
+        """The cached mesh of an evaluated mesh, or an empty one.
 
         Parameters
         ----------
         key : hashable
-            Identity of the evaluated mesh. Blender may give the address of a freed mesh to another one, so
-            it only counts for objects that used it before and were not evaluated since.
+            Identity of the evaluated mesh. Blender may reuse the address of a freed mesh, so it only counts for
+            objects that used it before and were not evaluated since.
         sources : frozenset of int
-            `session_uid` of the datablocks it comes from.
+            `session_uid` of its source datablocks.
 
         Returns
         -------
-        KeptMesh
+        CachedMesh
         """
-        kept = self._meshes.get(key)
-        return kept if kept is not None and sources <= kept.sources else KeptMesh()
+        entry = self._meshes.get(key)
+        return entry if entry is not None and sources <= entry.sources else CachedMesh()
 
-    def end(self, meshes, joined):
-        """Keep these meshes, and no others.
+    def end(self, meshes, joined_meshes):
+        """Store the meshes of an export, and drop all others.
 
         Parameters
         ----------
-        meshes : dict of KeptMesh
+        meshes : dict of CachedMesh
         joined : dict
             Joined meshes by their pieces.
         """
-        self.joined = joined
-        self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.tracked}
+        self.joined_meshes = joined_meshes
+        self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.is_tracked}
         self.appearances.drop_unused()
 
     @property
     def bakes(self):
-        """Whether the last export has a mesh whose materials had to be baked, which takes long."""
+        """Whether the last export has baked a mesh's materials, which takes long."""
         return any(mesh.bake for mesh in self._meshes.values())
 
     def changed(self, uid, moved_only):
-        """Blender has evaluated a datablock again."""
-        (self._moved if moved_only else self._changed).add(uid)
+        """Record that Blender has evaluated a datablock again."""
+        (self._transforms if moved_only else self._changes).add(uid)
 
     def clear(self):
-        """Forget everything."""
-        self._meshes, self.joined, self._context = {}, {}, None
+        """Clear the cache."""
+        self._meshes, self.joined_meshes, self._context = {}, {}, None
         self.appearances = Appearances()
 
     def close(self):
-        """Forget everything and stop listening to Blender."""
+        """Clear the cache and stop listening to Blender."""
         self.clear()
         _listening.discard(self)
         if not _listening:
@@ -110,23 +108,23 @@ class ExportCache:
 
 @dataclass
 class MeshBake:
-    """What was baked of a mesh.
+    """Baked materials of a mesh.
 
     Attributes
     ----------
-    unbaked : list of ExportedMaterial
-        Of its slots, that asked for it.
+    sources : list of ExportedMaterial
+        Materials of its slots before baking.
     read : tuple
-        Object to world, colour and index of the object: some nodes read them.
+        Object to world, color and index of the object: some nodes read them.
     pixel : float
-        What a pixel of the hologram covered where it was nearest, Blender units.
+        Size of a hologram's pixel at the nearest point of the mesh, Blender units.
     looks : list of ExportedMaterial
         The finished materials.
     data : MeshData
         The mesh with the atlas.
     """
 
-    unbaked: list
+    sources: list
     read: tuple
     pixel: float
     looks: list | None = None
@@ -134,29 +132,29 @@ class MeshBake:
 
 
 @dataclass
-class KeptMesh:
-    """One evaluated mesh and the Mitsuba shapes that were made of it.
+class CachedMesh:
+    """An evaluated mesh and its Mitsuba shapes.
 
     Attributes
     ----------
     sources : set of int
-        `session_uid` of the datablocks it was read from.
-    tracked : bool
-        Whether Blender reports all its changes.
+        `session_uid` of its source datablocks.
+    is_tracked : bool
+        Whether Blender reports all of its changes.
     triangles : int or None
-        Number of them; None before the mesh was read.
+        Number of triangles; None before the mesh was read.
     slots : list of int
         Material slots in use.
     lacking : set of str
-        UV maps that were asked for in vain.
+        Names of missing UV maps.
     shapes : dict
-        Finished Mitsuba shapes, or pieces of some, by all that they depend on.
+        Finished Mitsuba shapes, or pieces of some, by everything that affects them.
     bake : MeshBake or None
-        Where its materials had to be baked.
+        Its baked materials, if any.
     """
 
     sources: set = field(default_factory=set)
-    tracked: bool = True
+    is_tracked: bool = True
     triangles: int | None = None
     slots: list = field(default_factory=list)
     lacking: set = field(default_factory=set)
@@ -165,7 +163,7 @@ class KeptMesh:
 
 
 @dataclass
-class _Kept:
+class _Entry:
     result: object
     notes: Notes
     sources: set
@@ -173,36 +171,36 @@ class _Kept:
 
 
 class Appearances:
-    """Exported materials, world and lamps' profiles, each kept with the notes it gave rise to."""
+    """Cache of exported materials, world and profiles of lights, each with its notes."""
 
     def __init__(self):
-        self._kept = {}
+        self._entries = {}
         self._frame = 0.0
         self._renew_textures()
         self.begin(Notes())
 
     def begin(self, notes, frame=0.0):
-        """Start an export at a frame; what is got from now on adds its notes to `notes`."""
+        """Start an export at a frame; its results add their notes to `notes`."""
         self._notes = notes
         self._current = {}
         self._frame = self.textures.frame = frame
 
     def get(self, material, can_bake=True):
-        """`ExportedMaterial` of a material or None; its notes are its own.
+        """`ExportedMaterial` of a material or None, with its notes.
 
-        Where it `can_bake`, what varies may be left to be baked, else it is replaced by constants.
+        With `can_bake`, inputs that vary may be left for baking, otherwise they become constants.
         """
-        unbaked = {} if can_bake else None
+        pictures = {} if can_bake else None
         return self._recall(
-            ("material", can_bake), material, lambda _: export_material(material, self.textures, unbaked)
+            ("material", can_bake), material, lambda _: export_material(material, self.textures, pictures)
         )
 
     def baked(self, material, pictures):
-        """`ExportedMaterial` with baked pictures, see `export_material`; not kept."""
+        """`ExportedMaterial` with baked pictures, see `export_material`; not cached."""
         return export_material(material, self.textures, pictures)
 
     def world(self, world, frame, export):
-        """What ``export(world, frame, textures, notes)`` gives."""
+        """Result of ``export(world, frame, textures, notes)``."""
 
         def read(notes):
             try:
@@ -214,57 +212,59 @@ class Appearances:
         return self._recall("world", world, read)
 
     def profile(self, light, name, frame, read):
-        """What ``read(light, name, frame, notes)`` gives."""
+        """Result of ``read(light, name, frame, notes)``."""
         return self._recall(("profile", name), light, lambda notes: read(light, name, frame, notes))
 
-    def emitter(self, look, share):
-        """A new `mitsuba.Emitter` of an area with an `ExportedMaterial`'s emission and share of the light samples."""
+    def emitter(self, look, fraction):
+        """A new `mitsuba.Emitter` of an area with an `ExportedMaterial`'s emission and a fraction of all samples."""
         radiance = self.textures.build(look.emission)
-        return made({"type": "area", "radiance": radiance, "sampling_weight": share})
+        return made({"type": "area", "radiance": radiance, "sampling_weight": fraction})
 
     def forget(self, uids):
-        """Drop what was read from any of these datablocks."""
-        self._drop([key for key, kept in self._kept.items() if kept.sources & uids])
+        """Drop results from any of these datablocks."""
+        self._drop([key for key, entry in self._entries.items() if entry.sources & uids])
 
     def drop_unused(self):
-        """Drop what was not asked for since `begin`."""
-        self._drop([key for key in self._kept if key not in self._current])
+        """Drop results that were not used since `begin`."""
+        self._drop([key for key in self._entries if key not in self._current])
 
     def _recall(self, kind, owner, export):
         key = (kind, None if owner is None else owner.original.session_uid)
         if key not in self._current:
             sources, images = _node_sources(owner)
             signatures = {image.session_uid: _signature(image) for image in images}
-            kept = self._kept.get(key)
-            if kept and (kept.sources != sources or kept.images != signatures or None in signatures.values()):
+            entry = self._entries.get(key)
+            if entry and (
+                entry.sources != sources or entry.images != signatures or None in signatures.values()
+            ):
                 self._drop([key])
-                kept = None
-            if kept is None:
+                entry = None
+            if entry is None:
                 notes = Notes()
                 with self.textures.reading(MaterialReading(None), notes):
-                    kept = self._kept[key] = _Kept(export(notes), notes, sources, signatures)
-            for note in kept.notes:
+                    entry = self._entries[key] = _Entry(export(notes), notes, sources, signatures)
+            for note in entry.notes:
                 self._notes.add(note.object, note.feature, note.effect)
-            self._current[key] = kept.result
+            self._current[key] = entry.result
         return self._current[key]
 
     def _drop(self, keys):
-        dropped = [self._kept.pop(key) for key in keys]
-        if any(kept.images for kept in dropped):
+        entries = [self._entries.pop(key) for key in keys]
+        if any(entry.images for entry in entries):
             self._renew_textures()
 
     def _renew_textures(self):
-        """Read images anew from now on; no image is known to be the same."""
+        """Drop all images, which are read again."""
         self.textures = Textures(Notes())
         self.textures.frame = self._frame
 
 
 def _node_sources(owner):
-    """`session_uid` of all datablocks that a material's or world's nodes reach, and the images."""
+    """`session_uid` of all datablocks that a material's or world's nodes use, and the images."""
     uids, images = set(), []
-    reached = [] if owner is None else [owner.original]
-    while reached:
-        block = reached.pop()
+    blocks = [] if owner is None else [owner.original]
+    while blocks:
+        block = blocks.pop()
         if block.session_uid in uids:
             continue
         uids.add(block.session_uid)
@@ -278,15 +278,15 @@ def _node_sources(owner):
             for name in ("image", "node_tree", "object", "script", "ies"):
                 block = getattr(node, name, None)
                 if block is not None:
-                    reached.append(block)
+                    blocks.append(block)
     return uids, images
 
 
 def _signature(image):
-    """What tells that an image is still the one that was read; None if that cannot be told."""
+    """Signature of an image's content; None if changes cannot be detected."""
     if image.is_dirty or image.source not in ("FILE", "GENERATED"):
         return None
-    packed = image.packed_file
+    packed_file = image.packed_file
     path = bpy.path.abspath(image.filepath, library=image.library)
     try:
         stat = os.stat(path)
@@ -299,7 +299,7 @@ def _signature(image):
         image.source,
         image.alpha_mode,
         image.colorspace_settings.name,
-        packed and zlib.crc32(packed.data),
+        packed_file and zlib.crc32(packed_file.data),
     )
 
 
@@ -310,13 +310,13 @@ def _context(depsgraph):
 def _handlers():
     handlers = bpy.app.handlers
     return {
-        _updated: (handlers.depsgraph_update_post, handlers.frame_change_post),
-        _forget: (handlers.undo_post, handlers.redo_post, handlers.load_post),
+        _on_update: (handlers.depsgraph_update_post, handlers.frame_change_post),
+        _on_reload: (handlers.undo_post, handlers.redo_post, handlers.load_post),
     }
 
 
 def _listen(cache):
-    """Make sure that Blender's changes reach the cache; whether they did all the time."""
+    """Subscribe the cache to Blender's changes; whether it was subscribed all the time."""
     complete = cache in _listening
     _listening.add(cache)
     for handler, lists in _handlers().items():
@@ -335,7 +335,7 @@ def _detach():
 
 
 @bpy.app.handlers.persistent
-def _updated(scene, depsgraph):
+def _on_update(scene, depsgraph):
     if baking.busy():
         return
     for update in depsgraph.updates:
@@ -346,6 +346,6 @@ def _updated(scene, depsgraph):
 
 
 @bpy.app.handlers.persistent
-def _forget(*_):
+def _on_reload(*_):
     for cache in _listening:
         cache.clear()

@@ -1,4 +1,4 @@
-"""Blender's camera to the engine's."""
+"""Conversion of Blender's camera to the engine's."""
 
 import dataclasses
 import math
@@ -10,42 +10,42 @@ from .world import sees_sky
 
 
 def find_camera(scene, camera=None):
-    """The camera object to render from.
+    """Find the camera object to render from.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     camera : bpy.types.Object, str or None
-        A camera object or its name; None takes the one that renders of the current frame take: of a marker on the
-        timeline, where one has a camera, or the scene's active one.
+        A camera object or its name. None for that of Blender's renders of the current frame: a timeline marker's
+        camera, or the scene's active one.
 
     Raises
     ------
     InvalidInput
-        If there is none, or the object is no camera.
+        If there is none, or the object is not a camera.
     """
     if isinstance(camera, str):
         name, camera = camera, scene.objects.get(camera)
         if camera is None:
-            raise InvalidInput(f"The scene has no object '{name}': give the name of one of its cameras.")
+            raise InvalidInput(f"The scene has no object '{name}'. Give the name of one of its cameras.")
     elif camera is None:
         camera = _marked_camera(scene) or scene.camera
         if camera is None:
             raise InvalidInput(
-                f"The scene '{scene.name}' has no active camera: add one (Add > Camera) and make it active."
+                f"The scene '{scene.name}' has no active camera. Add one (Add > Camera) and make it active."
             )
     if camera.type != "CAMERA":
-        raise InvalidInput(f"The object '{camera.name}' is not a camera: choose a camera object.")
+        raise InvalidInput(f"The object '{camera.name}' is not a camera. Choose a camera object.")
     return camera
 
 
 def _marked_camera(scene):
-    """The camera of the last marker up to the current frame, else of the first one, as Blender's renders switch."""
-    marked = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
-    passed = [marker for marker in marked if marker.frame <= scene.frame_current]
-    if passed:
-        return max(passed, key=lambda marker: marker.frame).camera
-    return min(marked, key=lambda marker: marker.frame).camera if marked else None
+    """Camera of the last marker up to the current frame, or of the first one, as in Blender's renders."""
+    markers = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
+    earlier = [marker for marker in markers if marker.frame <= scene.frame_current]
+    if earlier:
+        return max(earlier, key=lambda marker: marker.frame).camera
+    return min(markers, key=lambda marker: marker.frame).camera if markers else None
 
 
 def export_camera(depsgraph, camera, resolution, scale, notes):
@@ -59,7 +59,7 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
     resolution : tuple of int
         Hologram width and height, pixels.
     scale : float
-        Metres a Blender unit.
+        Meters a Blender unit.
     notes : Notes
 
     Returns
@@ -78,7 +78,7 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
 
 
 def view_of(camera, resolution, scale):
-    """The engine's camera of a Blender camera as it stands, for square hologram pixels.
+    """Convert a Blender camera without notes, for square hologram pixels.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def view_of(camera, resolution, scale):
     resolution : tuple of int
         Width and height of the hologram's pictures, `Hologram.picture`.
     scale : float
-        Metres a Blender unit.
+        Meters a Blender unit.
 
     Returns
     -------
@@ -121,14 +121,14 @@ def view_of(camera, resolution, scale):
 
 
 def about(origin, camera):
-    """The same camera in coordinates about `origin`, metres."""
+    """The camera in coordinates relative to `origin`, meters."""
     to_world = camera.to_world.copy()
     to_world[:3, 3] -= origin
     return dataclasses.replace(camera, to_world=to_world)
 
 
 def depth_of(camera, thing, scale):
-    """Depth of an object's origin along a camera object's axis, metres; negative behind the camera."""
+    """Depth of an object's origin along a camera's axis, meters; negative behind the camera."""
     eye = camera.matrix_world
     offset = thing.matrix_world.translation - eye.translation
     return -offset.dot(eye.to_3x3().col[2].normalized()) * scale
@@ -138,7 +138,7 @@ def _rigid(matrix, scale, name):
     """Drop scale, as Blender does, and shear, which a hologram's camera cannot have; keep mirroring."""
     axes = matrix[:3, :3]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(axes)) < 1e-30:
-        raise InvalidInput(f"The transform of camera '{name}' is degenerate: clear its scale (Alt S).")
+        raise InvalidInput(f"The transform of camera '{name}' is degenerate. Clear its scale (Alt S).")
     back = axes[:, 2] / np.linalg.norm(axes[:, 2])
     up = axes[:, 1] - back * (back @ axes[:, 1])
     up /= np.linalg.norm(up)

@@ -1,4 +1,4 @@
-"""What of an evaluated scene is rendered, where, and how often: instances of the depsgraph to Mitsuba shapes."""
+"""Conversion of instances of the depsgraph to Mitsuba shapes and emitters."""
 
 import operator
 from collections import Counter
@@ -14,7 +14,7 @@ from .cache import MeshBake
 from .census import add_notes
 from .geometry import read_mesh, split_by_slot
 from .hair_and_points import curve_tubes, particle_tubes, point_balls
-from .joining import Piece, assembled
+from .joining import Piece, assemble
 from .lights import emission_varies, export_lamp, read_profile
 from .render_state import background_layers, differences
 from .shading import baking
@@ -23,20 +23,19 @@ from .shading.node_graph import attributes_read, reads_generated, reads_instance
 from .shading.textures import RawImage
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-# Objects without faces that are given some.
-FORMED = {"CURVES": curve_tubes, "POINTCLOUD": point_balls}
+# Functions that make meshes of objects without faces.
+MESH_MAKERS = {"CURVES": curve_tubes, "POINTCLOUD": point_balls}
 UNSUPPORTED_TYPES = {
     "VOLUME": "Volume",
     "GPENCIL": "Grease Pencil",
     "GREASEPENCIL": "Grease Pencil",
 }
-# Repeated meshes are copied up to this many triangles in all, then shared: 0.6 GB of copies at most. Launches of rays
-# cost 0.4 s with 100 instances, 4 s with 400 and 24 s with 1000, on two slow cores, and nothing with copies that are
-# joined.
-COPIED_TRIANGLES = 2_000_000
-# Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
-LEAST_TEXELS, MOST_TEXELS = 64, 2048
-# Of a mesh: each has textures of its own.
+# Repeated meshes are copied up to this number of triangles in total, then shared: at most 0.6 GB of copies. On two slow
+# cores launches of rays cost 0.4 s with 100 instances, 4 s with 400, 24 s with 1000, and nothing with joined copies.
+MAX_COPIED_TRIANGLES = 2_000_000
+# Side of a baked texture: two texels per pixel of the hologram at the nearest point, within these limits.
+MIN_TEXELS, MAX_TEXELS = 64, 2048
+# Instances of a mesh with textures of their own.
 MAX_BAKED_INSTANCES = 64
 LEFT_OUT = "left out, though shown in renders"
 AS_IN_VIEWPORT = "as in the viewport, not as in renders: use F12, or set both alike"
@@ -45,13 +44,13 @@ _BARE = ("UV maps on hair or points", "missing: textures read one point")
 
 
 @dataclass
-class _Placed:
-    """One instance of a mesh.
+class _Instance:
+    """An instance of a mesh.
 
     Attributes
     ----------
     key : tuple
-        Tells meshes apart.
+        Identity of the mesh.
     name : str
     matrix : mathutils.Matrix
         Object to world, Blender units; frozen.
@@ -66,32 +65,32 @@ class _Placed:
 
 
 class Contents:
-    """Reads every instance of the depsgraph once; meshes are kept, then turned into shapes.
+    """The contents of a depsgraph: reads every instance once, and then makes shapes of the meshes.
 
     Parameters
     ----------
     depsgraph : bpy.types.Depsgraph
     scale : float
-        Metres a Blender unit.
+        Meters per Blender unit.
     pixel : callable
-        How much of a box a pixel of the hologram covers, see `scene.footprint`.
+        Function from a box to the size of a pixel, see `scene.footprint`.
     cache : ExportCache
     notes : Notes
     origin : array, shape (3,)
-        Of Mitsuba's scene in Blender's world, metres.
+        Origin of Mitsuba's scene in Blender's world, meters.
 
     Attributes
     ----------
     emitters : list of dict
-        Lamps, for `mitsuba.load_dict`.
+        Lights, for `mitsuba.load_dict`.
     emits : bool
-        Whether a mesh emits; known once `shapes` are.
+        Whether a mesh emits; known after `shapes`, as are all below.
     smooth : dict
-        Its keys are (object, material) names of surfaces in which lamps would be seen; known likewise.
-    meshes : dict of KeptMesh
-        For the cache, likewise.
+        Keys are (object, material) names of surfaces that would mirror lights.
+    meshes : dict of CachedMesh
+        Meshes for the cache.
     joined : dict
-        Joined meshes by their pieces, likewise.
+        Joined meshes by their pieces.
     """
 
     def __init__(self, depsgraph, scale, pixel, cache, notes, origin):
@@ -99,7 +98,7 @@ class Contents:
         self.emits = False
         self.smooth = {}
         self.meshes = {}
-        self.joined = {}
+        self.joined_meshes = {}
         self._depsgraph = depsgraph
         self._scale = scale
         self._origin = tuple(map(float, origin))
@@ -110,15 +109,15 @@ class Contents:
         self._notes = notes
         self._slots = {}
         self._flats = {}
-        self._noted = set()
-        self._placed = []
-        self._copied, self._copies_left = {}, COPIED_TRIANGLES
+        self._objects_noted = set()
+        self._placements = []
+        self._is_copied, self._copies_left = {}, MAX_COPIED_TRIANGLES
         self._own_bakes = Counter()
         self._instance_readers = {}
         self._evaluated_metaballs = set()
         self._hair = []
         self._override = depsgraph.view_layer.material_override
-        self._shown = _render_visible(depsgraph)
+        self._visible_uids = _render_visible(depsgraph)
         self._faces, self._strands = depsgraph.view_layer.use_solid, depsgraph.view_layer.use_strand
         self._render = depsgraph.scene.render
         try:
@@ -139,15 +138,15 @@ class Contents:
         self._note_viewport()
 
     def _instances(self):
-        """Instances that renders show, with their object and the original object that they belong to."""
+        """Instances that renders show, with their object and its original owner."""
         for instance in self._depsgraph.object_instances:
             if not (instance.show_self or instance.show_particles):
                 continue
             object = instance.object
             original = object.original
             owner = instance.parent.original if instance.is_instance else original
-            hidden = owner.hide_render or (original.hide_render and not _scattered(instance, owner))
-            if owner.session_uid in self._shown and not hidden:
+            hidden = owner.hide_render or (original.hide_render and not _is_scattered(instance, owner))
+            if owner.session_uid in self._visible_uids and not hidden:
                 yield instance, object, owner
 
     def _add(self, instance, object, owner):
@@ -155,23 +154,25 @@ class Contents:
             self._add_lamp(object, np.array(instance.matrix_world, dtype=np.float64))
         elif self._has_faces(object):
             name, original = object.name, object.original
-            if name not in self._noted:
-                self._noted.add(name)
+            if name not in self._objects_noted:
+                self._objects_noted.add(name)
                 self._note_object(object)
             if object.type != "META" and original.type == "META":
                 self._evaluated_metaballs.add(original.session_uid)
             materials = [slot.material for slot in object.material_slots]
             matrix = instance.matrix_world.copy().freeze()
             key, values = self._key(instance, object, owner, materials)
-            kept = self._recall(key, object, owner, materials, matrix, values)
-            looks, done = kept.shapes.get((name, matrix, self._scale, self._origin), (None, {}))
-            self._placed.append(_Placed(key, name, matrix, done if _same(looks, self._slots[key]) else {}))
+            entry = self._recall(key, object, owner, materials, matrix, values)
+            looks, done = entry.shapes.get((name, matrix, self._scale, self._origin), (None, {}))
+            self._placements.append(
+                _Instance(key, name, matrix, done if _same(looks, self._slots[key]) else {})
+            )
         elif object.type in UNSUPPORTED_TYPES:
             self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
 
     def _has_faces(self, object):
-        """Whether an object has faces, or is given some, that its view layer renders."""
-        if object.type in FORMED:
+        """Whether an object has faces, or a maker of them, that its view layer renders."""
+        if object.type in MESH_MAKERS:
             return object.type != "CURVES" or self._strands
         return self._faces and _is_mesh(object)
 
@@ -192,7 +193,7 @@ class Contents:
             self.emitters.append(emitter)
 
     def _add_hair(self, instance, object):
-        """Particle hair; Blender does not tell when it is combed or simulated, so it is always read."""
+        """Add particle hair, which is always read: Blender does not report when it is combed or simulated."""
         for system in object.particle_systems:
             settings = system.settings
             if settings.type != "HAIR" or settings.render_type != "PATH":
@@ -207,17 +208,17 @@ class Contents:
             number = min(settings.material, len(slots)) - 1
             material = self._override or (slots[number].material if number >= 0 else None)
             look = self._cache.appearances.get(material, can_bake=False)
-            self._notes.worn(object.name, look.notes)
+            self._notes.add_material(object.name, look.notes)
             if _reads_maps(look):
                 self._notes.add(object.name, *_BARE)
-            metres = np.diag([self._scale, self._scale, self._scale, 1.0])
-            metres[:3, 3] = np.negative(self._origin)
-            self._hair.append((_with_bare_maps(surface, look).transformed(metres), look, object.name))
+            meters = np.diag([self._scale, self._scale, self._scale, 1.0])
+            meters[:3, 3] = np.negative(self._origin)
+            self._hair.append((_with_bare_maps(surface, look).transform(meters), look, object.name))
 
     def _key(self, instance, object, owner, materials):
-        """Key of an instance's mesh, and what its materials read of the instance.
+        """Key of an instance's mesh, and the values of the instance that its materials read.
 
-        Instances whose baked materials differ have meshes of their own, up to `MAX_BAKED_INSTANCES`.
+        Instances with different baked materials have separate meshes, up to `MAX_BAKED_INSTANCES`.
         """
         key = _mesh_key(object, object.original, materials)
         readers = [self._override] if self._override is not None else materials
@@ -248,54 +249,54 @@ class Contents:
         return (*key[:-1], who, key[-1]), values
 
     def _reads_instance(self, material):
-        """Whether a material has to be baked and reads what differs from instance to instance of a mesh."""
+        """Whether a material must be baked and reads values that differ between instances of a mesh."""
         uid = material.original.session_uid
         if uid not in self._instance_readers:
-            wanted = self._cache.appearances.get(material, True).wanted
-            self._instance_readers[uid] = bool(wanted) and reads_instance(material)
+            outputs = self._cache.appearances.get(material, True).outputs
+            self._instance_readers[uid] = bool(outputs) and reads_instance(material)
         return self._instance_readers[uid]
 
     def _recall(self, key, object, owner, materials, matrix, values):
-        """What the cache keeps of a mesh; finds the looks of its slots."""
+        """The cached mesh of a key; also finds the looks of its slots."""
         original = object.original
         data = original.data
         sources = {original.session_uid, owner.session_uid}
         if data is not None:
             sources.add(data.session_uid)
-        kept = self.meshes.get(key)
-        if kept is None:
-            kept = self.meshes[key] = self._cache.mesh(key, sources)
+        entry = self.meshes.get(key)
+        if entry is None:
+            entry = self.meshes[key] = self._cache.mesh(key, sources)
             if self._override is not None:
                 materials = [self._override] * max(len(materials), 1)
-            self._slots[key] = self._looks(key, kept, object, materials or [None], matrix, values)
-        kept.sources |= sources
+            self._slots[key] = self._looks(key, entry, object, materials or [None], matrix, values)
+        entry.sources |= sources
         if original.type == "META" or original.mode != "OBJECT" or owner.mode != "OBJECT":
-            kept.tracked = False
-        return kept
+            entry.is_tracked = False
+        return entry
 
-    def _looks(self, key, kept, object, materials, matrix, values):
-        """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
+    def _looks(self, key, entry, object, materials, matrix, values):
+        """Looks of a mesh's slots: baked ones if they are cached, otherwise those to be baked later."""
         get = self._cache.appearances.get
-        uids = key[-1]  # of the materials: many meshes wear the same
+        uids = key[-1]  # of the materials: many meshes use the same
         if uids not in self._looks_of:
-            found = [get(material, self._can_bake) for material in materials]
-            self._looks_of[uids] = found, any(look.wanted for look in found)
-        looks, unfinished = self._looks_of[uids]
-        bake, kept.bake = kept.bake, None
-        if not unfinished:
+            looks = [get(material, self._can_bake) for material in materials]
+            self._looks_of[uids] = looks, any(look.outputs for look in looks)
+        looks, must_bake = self._looks_of[uids]
+        bake, entry.bake = entry.bake, None
+        if not must_bake:
             return looks
-        if object.type in FORMED or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
+        if object.type in MESH_MAKERS or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
             return [get(material, False) for material in materials]
-        placed = self._finite(matrix, object.name)
-        corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
+        to_world = self._finite(matrix, object.name)
+        corners = np.array(object.bound_box) @ to_world[:3, :3].T + to_world[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
         read = matrix, replace(values, color=tuple(object.color), index=object.pass_index)
-        if bake and _same(bake.unbaked, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
-            kept.bake = bake
+        if bake and _same(bake.sources, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
+            entry.bake = bake
             return bake.looks
         try:
             generated = any(material is not None and reads_generated(material) for material in materials)
-            flat = baking.Flat(object, self._layout(object, placed, pixel), *read, generated)
+            flat = baking.Flat(object, self._layout(object, to_world, pixel), *read, generated)
             if flat.stretched:
                 self._notes.add(
                     object.name,
@@ -305,24 +306,24 @@ class Contents:
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
             return [get(material, False) for material in materials]
-        kept.bake = MeshBake(looks, read, pixel)
+        entry.bake = MeshBake(looks, read, pixel)
         self._flats[key] = flat, materials, object.name
         return looks
 
     def _layout(self, object, matrix, pixel):
-        """How to lay out an object's mesh for baking, see `baking.Flat`."""
+        """Make the function that lays out an object's mesh for baking, see `baking.Flat`."""
 
         def lay_out(vertices, triangles):
             if not np.isfinite(vertices).all():
                 raise InvalidInput(
-                    f"The mesh of object '{object.name}' has vertices that are not finite numbers: "
-                    "repair or hide it."
+                    f"The mesh of object '{object.name}' has vertices that are not finite numbers. "
+                    "Repair or hide it."
                 )
-            placed = vertices @ matrix[:3, :3].T
-            a, b, c = (placed[triangles[:, k]] for k in range(3))
+            points = vertices @ matrix[:3, :3].T
+            a, b, c = (points[triangles[:, k]] for k in range(3))
             area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-            wanted = np.nan_to_num(2 * np.sqrt(area) / max(pixel, 1e-30), posinf=MOST_TEXELS)
-            if wanted > 4 * MOST_TEXELS:
+            size = np.nan_to_num(2 * np.sqrt(area) / max(pixel, 1e-30), posinf=MAX_TEXELS)
+            if size > 4 * MAX_TEXELS:
                 self._notes.add(
                     object.name, "Baked textures", "coarser than the picture where they are nearest"
                 )
@@ -332,46 +333,46 @@ class Contents:
                     "Baked textures",
                     "as fine on all triangles, for want of xatlas in this Python",
                 )
-            return unwrap(vertices, triangles, int(np.clip(wanted, LEAST_TEXELS, MOST_TEXELS)))
+            return unwrap(vertices, triangles, int(np.clip(size, MIN_TEXELS, MAX_TEXELS)))
 
         return lay_out
 
     def _bake(self, key, flat, materials, name):
-        """Bake what the materials of a mesh want, and finish them with that."""
-        kept, looks = self.meshes[key], self._cache.appearances
-        wanted = [look.wanted for look in kept.bake.unbaked]
+        """Bake the outputs of a mesh's materials, and finish them."""
+        entry, looks = self.meshes[key], self._cache.appearances
+        to_bake = [look.outputs for look in entry.bake.sources]
         slots = [
-            (material, list(outputs.values())) for material, outputs in zip(materials, wanted, strict=True)
+            (material, list(outputs.values())) for material, outputs in zip(materials, to_bake, strict=True)
         ]
         try:
             baked = baking.bake_surface(flat, slots, self._depsgraph.scene.frame_current_final)
         except baking.BakingFailed as error:
             self._notes.add(name, "Baking", f"failed: {error}")
-            kept.bake = None
+            entry.bake = None
             self._slots[key] = [looks.get(material, False) for material in materials]
             return
         done = []
-        for material, outputs, unbaked, arrays in zip(
-            materials, wanted, kept.bake.unbaked, baked, strict=True
+        for material, outputs, source, arrays in zip(
+            materials, to_bake, entry.bake.sources, baked, strict=True
         ):
             pictures = {
                 socket: RawImage(f"{name} {socket}", pixels)
                 for socket, pixels in zip(outputs, arrays, strict=True)
             }
-            done.append(looks.baked(material, pictures) if outputs else unbaked)
+            done.append(looks.baked(material, pictures) if outputs else source)
         data = read_mesh(flat.mesh, name, _maps(done) | {baking.ATLAS})
         if data is not None and data.corner_normals is not None:
             data.corner_normals = flat.normals
-        kept.bake.looks, kept.bake.data = done, data
+        entry.bake.looks, entry.bake.data = done, data
         self._slots[key] = done
 
     def shapes(self):
-        """Mitsuba shapes of everything that was placed.
+        """Make the Mitsuba shapes of all instances.
 
-        A mesh is read only where the cache does not have all of its shapes, and turned into shapes at once,
-        while its arrays are in the processor's cache.
+        A mesh is read only if the cache lacks some of its shapes, which are then made at once, while its arrays are in
+        the processor's cache.
         """
-        remaining = Counter(placed.key for placed in self._placed)
+        remaining = Counter(placement.key for placement in self._placements)
         counts = dict(remaining)
         objects = enumerate(
             object
@@ -380,67 +381,67 @@ class Contents:
         )
         made: dict = {key: {} for key in self.meshes}
         surfaces, groups, shapes = {}, {}, []
-        for number, placed in enumerate(self._placed):
-            key, looks = placed.key, self._slots[placed.key]
-            kept = self.meshes[key]
+        for number, placement in enumerate(self._placements):
+            key, looks = placement.key, self._slots[placement.key]
+            entry = self.meshes[key]
             if key[1] == "META" and key[0] in self._evaluated_metaballs:
-                continue  # it comes once more, as the mesh that it evaluates to, since Blender 5
+                continue  # since Blender 5 it is listed again as its evaluated mesh
 
-            def surface(slot, number=number, key=key, name=placed.name):
+            def surface(slot, number=number, key=key, name=placement.name):
                 if key not in surfaces:
                     object = next(object for position, object in objects if position == number)
                     surfaces[key] = self._read(key, object)
                 return surfaces[key].get(slot)
 
-            if kept.triangles is None:
+            if entry.triangles is None:
                 surface(0)
             if counts[key] == remaining[key]:
-                self._note_mesh(kept, looks, placed.name)
+                self._note_mesh(entry, looks, placement.name)
             copied = self._copied_slots(key, counts[key])
-            if len(copied) < len(kept.slots):
+            if len(copied) < len(entry.slots):
                 if key not in groups:
-                    groups[key] = self._kept_group(key)
+                    groups[key] = self._cached_group(key)
                     if groups[key] is None:
-                        slots = [slot for slot in kept.slots if slot not in copied]
-                        groups[key] = _group({slot: surface(slot) for slot in slots}, looks, placed.name)
+                        slots = [slot for slot in entry.slots if slot not in copied]
+                        groups[key] = _group({slot: surface(slot) for slot in slots}, looks, placement.name)
                     made[key]["group"] = looks, groups[key]
                     shapes.append(groups[key])
-                shapes.append(self._instance(groups[key], placed))
+                shapes.append(self._instance(groups[key], placement))
             done = {}
             for slot in copied:
-                done[slot] = placed.done.get(slot)
+                done[slot] = placement.done.get(slot)
                 if done[slot] is None:
-                    moved = surface(slot).transformed(self._metres(placed))
-                    done[slot] = self._shapes_of(moved, looks[slot], placed.name)
+                    surface_in_scene = surface(slot).transform(self._to_meters(placement))
+                    done[slot] = self._shapes_of(surface_in_scene, looks[slot], placement.name)
                 shapes += done[slot]
                 if looks[slot].emission is not None:
                     self.emits = self.emits or not isinstance(done[slot][0], Piece)
-            made[key][placed.name, placed.matrix, self._scale, self._origin] = looks, done
+            made[key][placement.name, placement.matrix, self._scale, self._origin] = looks, done
             remaining[key] -= 1
             if not remaining[key]:
                 surfaces.pop(key, None)
-        for key, kept in self.meshes.items():
-            kept.shapes = made[key]
+        for key, entry in self.meshes.items():
+            entry.shapes = made[key]
         for surface, look, name in self._hair:
             shapes += self._shapes_of(surface, look, name)
             self.emits = self.emits or look.emission is not None
-        shapes, self.joined = assembled(shapes, self._cache.joined)
+        shapes, self.joined_meshes = assemble(shapes, self._cache.joined_meshes)
         return shapes
 
     def _read(self, key, object):
-        """Surfaces of a mesh, of hair curves or of points by material slot."""
-        kept, looks = self.meshes[key], self._slots[key]
-        kept.triangles, kept.slots, kept.lacking = 0, [], set()
-        if object.type in FORMED:
-            surface = FORMED[object.type](object.data)
+        """Read the surfaces of a mesh, of hair curves or of points by material slot."""
+        entry, looks = self.meshes[key], self._slots[key]
+        entry.triangles, entry.slots, entry.lacking = 0, [], set()
+        if object.type in MESH_MAKERS:
+            surface = MESH_MAKERS[object.type](object.data)
             if surface is None:
                 return {}
-            kept.triangles, kept.slots = len(surface.faces), [0]
+            entry.triangles, entry.slots = len(surface.faces), [0]
             if _reads_maps(looks[0]):
-                kept.lacking.add(_BARE)
+                entry.lacking.add(_BARE)
             return {0: _with_bare_maps(surface, looks[0])}
-        if kept.bake:
-            data = kept.bake.data
+        if entry.bake:
+            data = entry.bake.data
         elif _held_elsewhere(object):
             try:
                 mesh = object.to_mesh()
@@ -451,28 +452,28 @@ class Contents:
             data = read_mesh(object.data, object.name, _maps(looks))
         if not data:
             return {}
-        kept.triangles, kept.slots = len(data.triangles), data.used_slots(len(looks))
-        for look in (looks[slot] for slot in kept.slots):
-            wanted = data.active_uv if look.uv_name is None else look.uv_name
-            if look.uv_name != "" and wanted not in data.uvs:
-                kept.lacking.add((f"UV map '{wanted or 'active'}'", "missing: textures read one point"))
+        entry.triangles, entry.slots = len(data.triangles), data.used_slots(len(looks))
+        for look in (looks[slot] for slot in entry.slots):
+            uv_name = data.active_uv if look.uv_name is None else look.uv_name
+            if look.uv_name != "" and uv_name not in data.uvs:
+                entry.lacking.add((f"UV map '{uv_name or 'active'}'", "missing: textures read one point"))
         return dict(split_by_slot(data, len(looks), lambda slot: looks[slot].uv_name))
 
     def _copied_slots(self, key, count):
-        """Slots of which every instance gets a copy; the others are shared."""
-        kept, looks = self.meshes[key], self._slots[key]
-        if key not in self._copied:
-            triangles = count * kept.triangles if count > 1 else 0
-            self._copied[key] = triangles <= self._copies_left
-            self._copies_left -= triangles if self._copied[key] else 0
-        if self._copied[key]:
-            return kept.slots
-        return [slot for slot in kept.slots if looks[slot].emission is not None]
+        """Slots that are copied for every instance; the others are shared."""
+        entry, looks = self.meshes[key], self._slots[key]
+        if key not in self._is_copied:
+            triangles = count * entry.triangles if count > 1 else 0
+            self._is_copied[key] = triangles <= self._copies_left
+            self._copies_left -= triangles if self._is_copied[key] else 0
+        if self._is_copied[key]:
+            return entry.slots
+        return [slot for slot in entry.slots if looks[slot].emission is not None]
 
-    def _kept_group(self, key):
-        """The shape group that the cache has of a mesh with the same looks, or None.
+    def _cached_group(self, key):
+        """The cached shape group of a mesh with the same looks, or None.
 
-        On graphics cards Mitsuba 3.9 crashes where another scene has had a group before.
+        On graphics cards Mitsuba 3.9 crashes with groups of another scene.
         """
         if variants.activate() == variants.CUDA:
             return None
@@ -487,33 +488,37 @@ class Contents:
             for side in surface.sides()
         ]
 
-    def _instance(self, group, placed):
+    def _instance(self, group, placement):
         import mitsuba as mi
 
-        return {"type": "instance", "to_world": mi.ScalarTransform4f(self._metres(placed)), "group": group}
+        return {
+            "type": "instance",
+            "to_world": mi.ScalarTransform4f(self._to_meters(placement)),
+            "group": group,
+        }
 
-    def _metres(self, placed):
-        """Object to Mitsuba's scene, metres."""
-        matrix = self._finite(placed.matrix, placed.name)
+    def _to_meters(self, placement):
+        """Matrix from object to Mitsuba's scene, meters."""
+        matrix = self._finite(placement.matrix, placement.name)
         matrix[:3] *= self._scale
         matrix[:3, 3] -= self._origin
         return matrix
 
     @staticmethod
     def _finite(matrix, name):
-        """A frozen matrix as an array; numpy of Blender before 5.0 only takes those that are not."""
+        """A frozen matrix as an array; before Blender 5.0 NumPy cannot convert frozen ones."""
         matrix = np.array(matrix.copy(), dtype=np.float64)
         if not np.isfinite(matrix).all():
             raise InvalidInput(
-                f"The transform of object '{name}' is not finite: clear it (Alt G, Alt R, Alt S)."
+                f"The transform of object '{name}' is not finite. Clear it (Alt G, Alt R, Alt S)."
             )
         return matrix
 
-    def _note_mesh(self, kept, looks, name):
-        for feature, effect in sorted(kept.lacking):
+    def _note_mesh(self, entry, looks, name):
+        for feature, effect in sorted(entry.lacking):
             self._notes.add(name, feature, effect)
-        for look in (looks[slot] for slot in kept.slots):
-            self._notes.worn(name, look.notes)
+        for look in (looks[slot] for slot in entry.slots):
+            self._notes.add_material(name, look.notes)
             if look.smooth:
                 self.smooth[name, look.name] = None
 
@@ -530,7 +535,7 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
         self._note_linking(object)
-        cycles = getattr(object.original, "cycles", None)  # of a copy, Blender would not free it
+        cycles = getattr(object.original, "cycles", None)  # Blender does not free that of a copy
         for block in (object, cycles, object.original.data, *object.modifiers):
             add_notes(block, object.name, self._notes)
         if cycles and self._render.use_simplify:
@@ -545,7 +550,7 @@ class Contents:
             self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
 
     def _note_collections(self):
-        """Collections of the view layer that Cycles treats in a way of its own."""
+        """Note collections of the view layer that Cycles treats specially."""
         layers = [self._depsgraph.view_layer.layer_collection]
         while layers:
             layer = layers.pop()
@@ -566,13 +571,13 @@ class Contents:
                 )
 
     def _note_viewport(self):
-        """What renders show otherwise than this depsgraph has it, where it serves the viewport."""
+        """Note differences between renders and the depsgraph of a viewport."""
         if self._depsgraph.mode == "RENDER":
             return
         scene, layer = self._depsgraph.scene.original, self._depsgraph.view_layer
         layer = scene.view_layers[layer.name]
         for thing in layer.objects:
-            if thing.session_uid in self._shown and not thing.hide_render:
+            if thing.session_uid in self._visible_uids and not thing.hide_render:
                 if (
                     thing.type in MESH_TYPES | {"LIGHT"}
                     and not thing.hide_viewport
@@ -586,10 +591,10 @@ class Contents:
             self._notes.add(scene.name, "Is Viewport node", "true, as in the viewport: renders have it false")
 
 
-def _scattered(instance, owner):
-    """Whether it is an instance of an object that nodes or particles show, also where that is disabled in renders.
+def _is_scattered(instance, owner):
+    """Whether nodes or particles show an instance even of an object that is disabled in renders.
 
-    Collections, and children at vertices and faces, show what renders do.
+    Instances of collections, and of children at vertices and faces, respect that setting.
     """
     system = instance.particle_system if instance.is_instance else None
     of_collection = system is not None and system.settings.render_type == "COLLECTION"
@@ -597,7 +602,7 @@ def _scattered(instance, owner):
 
 
 def _render_visible(depsgraph):
-    """`session_uid` of the objects in collections that renders show, those of Background Scenes included."""
+    """`session_uid` of the objects in collections that renders show, including those of Background Scenes."""
     shown = [depsgraph.view_layer, *background_layers(depsgraph.scene.original)]
     uids, layers = set(), [layer.layer_collection for layer in shown]
     while layers:
@@ -610,7 +615,7 @@ def _render_visible(depsgraph):
 
 
 def _reads_viewport(group):
-    """Whether geometry nodes tell the viewport from renders."""
+    """Whether geometry nodes distinguish the viewport from renders."""
     return group.users > 0 and any(node.bl_idname == "GeometryNodeIsViewport" for node in group.nodes)
 
 
@@ -632,7 +637,7 @@ def _with_bare_maps(surface, look):
 
 def _is_mesh(object):
     # curves, surfaces and texts appear a second time, as an instance of the mesh they evaluate to
-    return object.type == "META" or object.type in FORMED or isinstance(object.data, bpy.types.Mesh)
+    return object.type == "META" or object.type in MESH_MAKERS or isinstance(object.data, bpy.types.Mesh)
 
 
 def _group(surfaces, looks, name):
@@ -641,12 +646,12 @@ def _group(surfaces, looks, name):
 
 
 def _same(looks, others):
-    """Whether two lists hold the very same looks."""
+    """Whether two lists have identical looks."""
     return looks is not None and len(looks) == len(others) and all(map(operator.is_, looks, others))
 
 
 def _mesh_key(object, original, materials):
-    """Instances with equal keys have the same geometry and materials."""
+    """Key of an instance's geometry and materials."""
     uids = tuple(None if material is None else material.original.session_uid for material in materials)
     if object.type == "META":
         return original.session_uid, "META", uids
@@ -654,7 +659,7 @@ def _mesh_key(object, original, materials):
 
 
 def _held_elsewhere(object):
-    """Whether an object's evaluated mesh is only to be had as a copy, as Blender holds it in another form."""
+    """Whether an object's evaluated mesh is available only as a copy, as Blender has it in another form."""
     return (
         object.type == "META"
         or object.data.is_editmode

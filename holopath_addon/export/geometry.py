@@ -1,4 +1,4 @@
-"""Evaluated Blender objects to Mitsuba meshes, through numpy."""
+"""Conversion of evaluated Blender meshes to Mitsuba meshes, by NumPy."""
 
 import math
 from dataclasses import dataclass, replace
@@ -99,10 +99,10 @@ def read_mesh(mesh, name, uv_names):
 
     active = next((layer.name for layer in mesh.uv_layers if layer.active_render), None)
     uvs = {}
-    for wanted in {active if uv_name is None else uv_name for uv_name in uv_names}:
-        layer = mesh.uv_layers.get(wanted) if wanted else None
+    for uv_name in {active if uv_name is None else uv_name for uv_name in uv_names}:
+        layer = mesh.uv_layers.get(uv_name) if uv_name else None
         if layer is not None:
-            uvs[wanted] = _finite(_read(layer.uv, "vector", corner_count, 2))
+            uvs[uv_name] = _finite(_read(layer.uv, "vector", corner_count, 2))
 
     if mesh.normals_domain == "POINT" and not uvs:
         vertex_normals = _unit(_read(mesh.vertex_normals, "vector", len(vertices), 3))
@@ -118,13 +118,13 @@ def _read(collection, attribute, count, width, dtype=np.float32):
 
 
 def _finite(values):
-    """The values with zeros for what is not finite; a copy only where needed."""
+    """The values with zeros for those that are not finite; a copy only if needed."""
     return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, 0)
 
 
 @dataclass
 class Surface:
-    """The triangles of one material slot, indexed on vertices of their own.
+    """The triangles of one material slot, with separate vertices.
 
     Attributes
     ----------
@@ -147,11 +147,11 @@ class Surface:
 
     @property
     def vertices(self):
-        """float32 [vertex, 3]"""
+        """Coordinates of the vertices, float32 [vertex, 3]."""
         return self.points if self.welded is None else self.points.take(self.welded, axis=0)
 
-    def transformed(self, matrix):
-        """The surface under a 4x4 affine `matrix`; mirrored ones keep normals and winding consistent."""
+    def transform(self, matrix):
+        """Transform the surface by a 4x4 affine `matrix`; mirroring keeps normals and winding consistent."""
         linear = matrix[:3, :3]
         # in double precision: far from the origin float32 rounds the sum only once
         points = (self.points.astype(np.float64) @ linear.T + matrix[:3, 3]).astype(np.float32)
@@ -160,32 +160,32 @@ class Surface:
         normals = self.normals
         if normals is not None:
             # the inverse transpose times the determinant, defined for flattened objects too
-            normals = _turned(normals, -cofactors if mirrored else cofactors)
+            normals = _transform_normals(normals, -cofactors if mirrored else cofactors)
         faces = self.faces[:, ::-1] if mirrored else self.faces
         return Surface(points, self.welded, normals, self.uv, faces)
 
     def area(self):
         """Total area, in the square of the vertices' unit."""
-        return 0.5 * np.linalg.norm(self._weighted_normals(), axis=1).sum()
+        return 0.5 * np.linalg.norm(self._area_normals(), axis=1).sum()
 
-    def _weighted_normals(self):
-        """Normal of every triangle times twice its area."""
+    def _area_normals(self):
+        """Normals of triangles times twice their area."""
         a, b, c = np.moveaxis(self.vertices[self.faces].astype(np.float64), 1, 0)
         return np.cross(b - a, c - a)
 
     def bounds(self):
-        """Lower and upper corner of the box around it; infinite and reversed where there are no points."""
+        """Lower and upper corner of the bounding box; infinite and reversed without points."""
         return self.points.min(0, initial=np.inf), self.points.max(0, initial=-np.inf)
 
     def sides(self):
-        """Front and back as two surfaces a hair apart, each facing outwards.
+        """Front and back as two surfaces with a tiny gap, each facing outwards.
 
         Blender's emission shines from both sides of a face, Mitsuba's from the front only.
         """
-        weighted = np.repeat(self._weighted_normals(), 3, axis=0)
+        area_normals = np.repeat(self._area_normals(), 3, axis=0)
         corners = (self.faces if self.welded is None else self.welded[self.faces]).ravel()
-        summed = [np.bincount(corners, weighted[:, axis], len(self.points)) for axis in range(3)]
-        gap = SIDE_GAP * (1 + np.abs(self.points).max()) * _normalised(np.stack(summed, axis=1))
+        sums = [np.bincount(corners, area_normals[:, axis], len(self.points)) for axis in range(3)]
+        gap = SIDE_GAP * (1 + np.abs(self.points).max()) * _normalize(np.stack(sums, axis=1))
         back_normals = None if self.normals is None else -self.normals
         front, back = (self.points + gap).astype(np.float32), (self.points - gap).astype(np.float32)
         return (
@@ -194,7 +194,7 @@ class Surface:
         )
 
     def to_mitsuba(self, name, bsdf, emitter=None):
-        """A `mitsuba.Mesh` with this material, its arrays copied."""
+        """Convert to a `mitsuba.Mesh` with a material, copying the arrays."""
         import mitsuba as mi
 
         from ..engine.scene.buffers import loaded
@@ -224,8 +224,8 @@ class Surface:
         return mesh
 
 
-def joined(surfaces):
-    """Surfaces of the same attributes as one, their points and triangles in turn.
+def join_surfaces(surfaces):
+    """Join surfaces with the same attributes to one, in their order.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def joined(surfaces):
 
 
 def fill(mesh, buffers):
-    """Replace a `mitsuba.Mesh`'s buffers, given by their names."""
+    """Replace a `mitsuba.Mesh`'s buffers by name."""
     mesh.traverse(_filler()(buffers))
     mesh.parameters_changed(list(buffers))
 
@@ -328,7 +328,7 @@ def split_by_slot(data, slot_count, uv_of_slot):
 
 
 def _compact(faces, count):
-    """The numbers that `faces` use out of `count`, ascending, and the faces renumbered to them."""
+    """Indices in use by `faces` out of `count`, ascending, and the faces with new indices."""
     used = np.zeros(count, bool)
     used[faces] = True
     if used.all():
@@ -349,24 +349,24 @@ def _cofactors(matrix):
     )
 
 
-def _turned(normals, matrix):
-    """Unit `normals` under a matrix, of unit length again."""
+def _transform_normals(normals, matrix):
+    """Transform `normals` by a matrix, and normalize them."""
     gram = matrix @ matrix.T
-    squared = gram[0, 0]
-    if squared > 0 and np.abs(gram - squared * _IDENTITY).max() < 1e-6 * squared:
-        return normals @ (matrix.T / math.sqrt(squared)).astype(np.float32)
+    square = gram[0, 0]
+    if square > 0 and np.abs(gram - square * _IDENTITY).max() < 1e-6 * square:
+        return normals @ (matrix.T / math.sqrt(square)).astype(np.float32)
     size = np.abs(matrix).max()
-    return _normalised(normals @ (matrix.T / (size if size > 0 else 1.0)).astype(np.float32))
+    return _normalize(normals @ (matrix.T / (size if size > 0 else 1.0)).astype(np.float32))
 
 
-def _normalised(vectors):
+def _normalize(vectors):
     length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
     return np.where(length > 0, vectors / np.where(length > 0, length, 1), np.float32((0, 0, 1)))
 
 
 def _unit(normals):
-    """Blender's normals, made unit vectors where they are not; usually they are."""
-    squared = np.einsum("ij,ij->i", normals, normals)
-    if squared.min() > 0.999 and squared.max() < 1.001:
+    """Blender's normals as unit vectors, which they usually are."""
+    square = np.einsum("ij,ij->i", normals, normals)
+    if square.min() > 0.999 and square.max() < 1.001:
         return normals
-    return _normalised(_finite(normals))
+    return _normalize(_finite(normals))

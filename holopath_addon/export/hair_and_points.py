@@ -15,12 +15,12 @@ from .geometry import Surface
 # the circle: by Cauchy's formula a convex outline of perimeter P is P / pi wide on average. Fewer corners lose
 # light where normals and facets disagree: beside Cycles, 60 hairs are 2 to 5 % dark with 4, within 3 % with 6.
 SIDES = 6
-_WIDENED = math.pi / (SIDES * math.sin(math.pi / SIDES))
+_WIDENING = math.pi / (SIDES * math.sin(math.pi / SIDES))
 # What Cycles takes where a curve, or a point, says nothing.
 DEFAULT_RADIUS = 0.005
 DEFAULT_POINT_RADIUS = 0.01
 # Balls are as fine as this many triangles in all allow: 1280, 320, 80 or, of very many points, 20 each.
-MOST_TRIANGLES, FINEST = 500_000, 3
+MAX_TRIANGLES, MAX_LEVEL = 500_000, 3
 # Straight pieces between two points of a hair curve, which is smooth in Cycles.
 PIECES = 3
 
@@ -70,7 +70,7 @@ def tubes(points, radii, counts):
 
     angle = 2 * math.pi * np.arange(SIDES) / SIDES
     normals = np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
-    ring = points[:, None] + _WIDENED * radii[:, None, None] * normals
+    ring = points[:, None] + _WIDENING * radii[:, None, None] * normals
     corner = SIDES * ahead[:, None] + np.arange(SIDES)
     beside = SIDES * ahead[:, None] + (np.arange(SIDES) + 1) % SIDES
     faces = np.stack(
@@ -110,11 +110,11 @@ def curve_tubes(curves):
     points, radii = _points(curves, DEFAULT_RADIUS)
     offsets = np.empty(len(curves.curve_offset_data), np.int32)
     curves.curve_offset_data.foreach_get("value", offsets)
-    return tubes(*_smoothed(points, radii, np.diff(offsets)))
+    return tubes(*_smooth(points, radii, np.diff(offsets)))
 
 
 def _points(data, radius):
-    """Points of a datablock and their radii, `radius` where it has none."""
+    """Points of a datablock and their radii, `radius` by default."""
     size = len(data.points)
     points = np.empty(3 * size, np.float32)
     data.attributes["position"].data.foreach_get("vector", points)
@@ -157,7 +157,7 @@ def balls(points, radii):
     points, radii = points[keep], radii[keep]
     if not len(points):
         return None
-    level = next((n for n in range(FINEST, 0, -1) if len(points) * 20 * 4**n <= MOST_TRIANGLES), 0)
+    level = next((n for n in range(MAX_LEVEL, 0, -1) if len(points) * 20 * 4**n <= MAX_TRIANGLES), 0)
     corners, faces, widened = _ball(level)
     places = points[:, None] + widened * radii[:, None, None] * corners
     numbers = faces + len(corners) * np.arange(len(points))[:, None, None]
@@ -172,7 +172,7 @@ def balls(points, radii):
 
 @cache
 def _ball(level):
-    """Corners of a unit icosphere, its faces, and how much larger it has to be to look as large as its sphere.
+    """Corners and faces of a unit icosphere, and the factor by which it must grow to look as large as its sphere.
 
     By Cauchy's formula the outline of a convex body is a quarter of its surface on average.
     """
@@ -192,8 +192,8 @@ def _ball(level):
     return corners, faces, math.sqrt(4 * math.pi / area)
 
 
-def _smoothed(points, radii, counts):
-    """Lines through the points of Catmull-Rom splines, `PIECES` pieces between two of them."""
+def _smooth(points, radii, counts):
+    """Polylines along Catmull-Rom splines through points, with `PIECES` pieces between two of them."""
     starts = np.repeat(np.cumsum(counts) - counts, counts)
     ends = starts + np.repeat(counts, counts) - 1
     number = np.arange(len(points))

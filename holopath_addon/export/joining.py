@@ -1,7 +1,7 @@
-"""Small objects that nothing tells apart, as one mesh.
+"""Joining of small objects with the same material to one mesh.
 
-Objects of one material differ in nothing else that a hologram shows: what Cycles knows of an object alone is noted,
-not carried. Materials that read the object are baked, and then are its own.
+Objects of one material do not differ in a hologram otherwise: Cycles' settings of single objects are noted, not
+exported. Materials that read the object are baked, and then differ.
 """
 
 from dataclasses import dataclass
@@ -10,25 +10,25 @@ from typing import Any
 import numpy as np
 
 from ..engine.scene.meshes.joining import MAX_TRIANGLES, groups, joined_name
-from .geometry import Surface, joined
+from .geometry import Surface, join_surfaces
 
 
 @dataclass(eq=False)
 class Piece:
-    """A surface whose material does not shine, to become a mesh of its own or part of one.
+    """A surface without emission, which becomes a mesh or a part of one.
 
     Attributes
     ----------
     surface : Surface or None
-        In Mitsuba's scene, meters; None where it has too many triangles to be joined.
+        In Mitsuba's scene, meters; None if it has too many triangles to be joined.
     look : ExportedMaterial
     name : str
-        The object's.
+        Name of the object.
     triangles : int
     bounds : numpy.ndarray, shape (2, 3)
-        Lower and upper corner of the box around it, meters.
+        Lower and upper corner of its box, meters.
     mesh : mitsuba.Mesh or None
-        Where it is one of its own.
+        A mesh of this piece only.
     """
 
     surface: Surface | None
@@ -40,7 +40,7 @@ class Piece:
 
     @classmethod
     def of(cls, surface, look, name):
-        """A piece; what has too many triangles becomes a mesh at once."""
+        """Make a piece, which becomes a mesh at once if it has too many triangles."""
         piece = cls(surface, look, name, len(surface.faces), np.array(surface.bounds()))
         if piece.triangles > MAX_TRIANGLES:
             piece.alone()
@@ -48,26 +48,26 @@ class Piece:
         return piece
 
     def alone(self):
-        """The mesh of this piece."""
+        """Mesh of this piece only."""
         if self.mesh is None and self.surface is not None:
             self.mesh = self.surface.to_mitsuba(self.name, self.look.bsdf)
         return self.mesh
 
     @property
     def kind(self):
-        """Pieces of one kind may become one mesh; None where it stays one."""
+        """Kind of a piece: pieces of one kind may be joined; None for those that are not."""
         return self.surface and (id(self.look), self.surface.normals is None, self.surface.uv is None)
 
 
-def assembled(parts, before):
-    """A scene's parts with a mesh in place of each piece, or of those that are joined.
+def assemble(parts, previous):
+    """Replace the pieces of a scene's parts by meshes, and join some of them.
 
     Parameters
     ----------
     parts : list
-        Pieces, and what else `mitsuba.load_dict` takes.
+        Pieces, and other parts for `mitsuba.load_dict`.
     before : dict
-        Joined meshes by their pieces, of the export before.
+        Joined meshes by their pieces, of the previous export.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def assembled(parts, before):
             shapes.append(part)
         elif part in group_of:
             group = group_of[part]
-            meshes[group] = before.get(group) or _mesh(group)
+            meshes[group] = previous.get(group) or _mesh(group)
             shapes.append(meshes[group])
         elif part not in members:
             shapes.append(part.alone())
@@ -95,8 +95,8 @@ def assembled(parts, before):
 
 
 def _mesh(group):
-    """One mesh of some pieces; theirs go, for as long as they are there they cost as much."""
+    """Join pieces to one mesh, and free their own meshes."""
     for piece in group:
         piece.mesh = None
     name = joined_name([piece.name for piece in group])
-    return joined([piece.surface for piece in group]).to_mitsuba(name, group[0].look.bsdf)
+    return join_surfaces([piece.surface for piece in group]).to_mitsuba(name, group[0].look.bsdf)

@@ -1,11 +1,11 @@
-"""Blender's lamps to the engine's (`engine.scene.lamps`), which are as invisible."""
+"""Conversion of Blender's lights to the engine's (`engine.scene.lamps`), which are invisible, too."""
 
 import math
 
 import numpy as np
 
 from .shading import baking
-from .shading.blackbody import blackbody_colour
+from .shading.blackbody import blackbody_color
 from .shading.node_graph import Pin, follow, output_node, upstream
 from .shading.textures import stand_in_effect
 
@@ -19,7 +19,7 @@ FALLOFFS = {"Quadratic": 0, "Linear": 1, "Constant": 2}  # power of the distance
 
 
 def export_lamp(light, matrix, name, scale, notes, profile=None):
-    """Turn a lamp into one Mitsuba emitter.
+    """Convert a light to one Mitsuba emitter.
 
     Powers are scaled so that a scene renders the same for any `scale`.
 
@@ -32,7 +32,7 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
     name : str
         Object name, for notes.
     scale : float
-        Metres a Blender unit.
+        Meters a Blender unit.
     notes : Notes
     profile : array, shape (v, u, 3), optional
         What the lamp's node tree emits over directions in its own frame, as `engine.scene.lamps` has it, in place of
@@ -45,26 +45,26 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
     """
     import mitsuba as mi
 
-    colour = np.array(light.color, float) * light.energy * 2 ** getattr(light, "exposure", 0.0)
+    color = np.array(light.color, float) * light.energy * 2 ** getattr(light, "exposure", 0.0)
     if getattr(light, "use_temperature", False):
-        colour = colour * np.array(light.temperature_color)
+        color = color * np.array(light.temperature_color)
     falloff = 0
     if profile is None:
-        emitted, falloff, ignored = _emission(light)
-        colour = colour * emitted
+        emission, falloff, ignored = _emission(light)
+        color = color * emission
         for feature in ignored:
             notes.add(name, feature, "ignored")
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not np.isfinite(matrix).all() or lengths.min() < 1e-20:
         notes.add(name, "Lamp with a degenerate transform", "left out")
         return None
-    if np.any(colour < 0):
+    if np.any(color < 0):
         notes.add(name, "Negative light", "ignored")
     emitter = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}[light.type](
-        light, np.maximum(colour, 0), lengths, scale
+        light, np.maximum(color, 0), lengths, scale
     )
     cycles = getattr(light, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
-    if emitter is None or getattr(cycles, "is_portal", False) or not np.any(colour > 0):
+    if emitter is None or getattr(cycles, "is_portal", False) or not np.any(color > 0):
         return None
     if not light.use_shadow:
         notes.add(name, "Light without shadow", "casts shadows")
@@ -82,7 +82,7 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
 
 
 def read_profile(light, name, frame, notes):
-    """What a lamp's nodes emit by direction, evaluated by Cycles.
+    """Emission of a light's nodes by direction, which Cycles evaluates.
 
     Parameters
     ----------
@@ -121,52 +121,52 @@ def read_profile(light, name, frame, notes):
 
 
 def emission_varies(light):
-    """Whether a lamp's node tree is more than constants, so that `export_lamp` needs a profile for it."""
+    """Whether a light's node tree is not constant, so that `export_lamp` needs a profile."""
     return bool(_emission(light)[2])
 
 
 def _emission(light):
-    """Colour times strength of the node tree, its falloff, and what of it is no constant."""
-    colour, falloff, ignored = np.ones(3), 0, []
+    """Color times strength of the node tree, its falloff, and its parts that are not constant."""
+    color, falloff, ignored = np.ones(3), 0, []
     if not light.use_nodes or light.node_tree is None:
-        return colour, falloff, ignored
+        return color, falloff, ignored
     output = output_node(light.node_tree)
     source = follow(Pin(output.inputs["Surface"])) if output else None
     if source is None or not source.socket.is_output or source.node.mute:
         return np.zeros(3), falloff, ignored
     if source.node.bl_idname != "ShaderNodeEmission":
-        return colour, falloff, ["Light nodes"]
+        return color, falloff, ["Light nodes"]
     for socket_name in ("Color", "Strength"):
         value = follow(source.input(socket_name))
         kelvin = _constant_input(value, "ShaderNodeBlackbody", "Temperature")
         strength = _constant_input(value, "ShaderNodeLightFalloff", "Strength")
         if not value.socket.is_output:
             plain = value.socket.default_value
-            colour = colour * (np.array(plain)[:3] if socket_name == "Color" else plain)
+            color = color * (np.array(plain)[:3] if socket_name == "Color" else plain)
         elif kelvin is not None and socket_name == "Color":
-            colour = colour * blackbody_colour(kelvin)
+            color = color * blackbody_color(kelvin)
         elif strength is not None and _constant_input(value, "ShaderNodeLightFalloff", "Smooth") == 0:
-            colour = colour * strength
+            color = color * strength
             falloff = FALLOFFS[value.socket.name]
         else:
             ignored.append(f"Node on the light's {socket_name}")
-    return colour, falloff, ignored
+    return color, falloff, ignored
 
 
 def _constant_input(source, node, name):
-    """Value of an input of the node that feeds a socket, if it is of this type and the value a constant."""
+    """Value of an input of the node that feeds a socket, if the node has this type and the value is constant."""
     if not source.socket.is_output or source.node.bl_idname != node:
         return None
     value = follow(source.input(name))
     return None if value.socket.is_output else value.socket.default_value
 
 
-def _point(light, colour, lengths, scale):
+def _point(light, color, lengths, scale):
     radius = light.shadow_soft_size
     # radiance = power / (pi area) of a sphere; without a size, power / 4 pi is the intensity
-    intensity = colour / (4 * math.pi)
+    intensity = color / (4 * math.pi)
     if not getattr(light, "normalize", True):
-        intensity = colour * (radius**2 if radius > 0 else 1 / math.pi)
+        intensity = color * (radius**2 if radius > 0 else 1 / math.pi)
     return {
         "type": "point_lamp",
         "intensity": _rgb(intensity * scale**2),
@@ -175,11 +175,11 @@ def _point(light, colour, lengths, scale):
     }
 
 
-def _spot(light, colour, lengths, scale):
-    return _point(light, colour, lengths, scale) | {"cone": light.spot_size / 2, "blend": light.spot_blend}
+def _spot(light, color, lengths, scale):
+    return _point(light, color, lengths, scale) | {"cone": light.spot_size / 2, "blend": light.spot_blend}
 
 
-def _area(light, colour, lengths, scale):
+def _area(light, color, lengths, scale):
     width = light.size * lengths[0]
     height = (light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size) * lengths[1]
     round = light.shape in ("DISK", "ELLIPSE")
@@ -188,7 +188,7 @@ def _area(light, colour, lengths, scale):
         return None
     return {
         "type": "area_lamp",
-        "radiance": _rgb(colour / math.pi / (area if getattr(light, "normalize", True) else 1)),
+        "radiance": _rgb(color / math.pi / (area if getattr(light, "normalize", True) else 1)),
         "width": width * scale,
         "height": height * scale,
         "round": round,
@@ -196,14 +196,14 @@ def _area(light, colour, lengths, scale):
     }
 
 
-def _sun(light, colour, lengths, scale):
+def _sun(light, color, lengths, scale):
     half = light.angle / 2
     if half > 0:
         # radiance times solid angle; a floor that faces the sun receives radiance times pi sin^2
-        radiance = colour / (math.pi * math.sin(half) ** 2) if getattr(light, "normalize", True) else colour
-        colour = radiance * 4 * math.pi * math.sin(half / 2) ** 2
-    return {"type": "sun_lamp", "irradiance": _rgb(colour), "radius": half}
+        radiance = color / (math.pi * math.sin(half) ** 2) if getattr(light, "normalize", True) else color
+        color = radiance * 4 * math.pi * math.sin(half / 2) ** 2
+    return {"type": "sun_lamp", "irradiance": _rgb(color), "radius": half}
 
 
-def _rgb(colour):
-    return [float(v) for v in colour]
+def _rgb(color):
+    return [float(v) for v in color]

@@ -1,4 +1,4 @@
-"""What the exporter approximated or left out, told to the user instead of silently dropped."""
+"""Notes for the user on everything that the exporter approximated or omitted."""
 
 from dataclasses import asdict, dataclass
 
@@ -7,18 +7,18 @@ NAMED_OBJECTS = 3
 
 @dataclass(frozen=True)
 class Note:
-    """One thing that differs from what Blender would render.
+    """A note on one difference from Blender's render.
 
     Parameters
     ----------
     object : str
-        Name of the object, lamp, image or world it concerns; of a material's, of the objects that wear it.
+        Name of the object, light, image or world; for a material's note, of the objects that use the material.
     feature : str
-        The node and socket, or the setting, as Blender's interface calls it.
+        The node and socket, or the setting, by its name in Blender's interface.
     effect : str
-        What was done instead, e.g. ``"ignored"``.
+        The effect, e.g. ``"ignored"``.
     material : str
-        Name of the material it concerns, or empty.
+        Name of the material, or empty.
     """
 
     object: str
@@ -31,17 +31,17 @@ class Note:
         return f"{where}: {self.feature}: {self.effect}"
 
     def to_dict(self):
-        """JSON-able form."""
+        """JSON form."""
         return asdict(self)
 
 
 class Notes:
-    """Notes in the order they arose, each only once; of equal ones on a material, one that names all objects.
+    """Distinct notes in their order; equal notes on a material become one that names all objects.
 
     Parameters
     ----------
     material : str
-        Name of the material that all of these notes concern, if they do.
+        Name of the material of all notes, or empty.
     """
 
     def __init__(self, material=""):
@@ -49,14 +49,17 @@ class Notes:
         self._objects = {}  # by material, feature and effect: names, as keys of a dict to keep their order
 
     def add(self, object_name, feature, effect):
-        """Remember that `feature` of `object_name` had this `effect`.
+        """Add a note.
 
-        Of a material's own notes the name is that of the material, or of an image that it reads.
+        Parameters
+        ----------
+        object_name, feature, effect : str
+            See `Note`. In a material's notes the name is that of the material, or of an image that it reads.
         """
         self._objects.setdefault((self._material, feature, effect), {})[object_name] = None
 
-    def worn(self, object_name, notes):
-        """Take over the notes on a material that an object wears."""
+    def add_material(self, object_name, notes):
+        """Add the `Notes` on a material that an object uses."""
         for (material, feature, effect), names in notes._objects.items():
             own = {object_name: None} if set(names) == {material} else names
             self._objects.setdefault((material, feature, effect), {}).update(own)
@@ -66,8 +69,8 @@ class Notes:
             if material:
                 names = list(names)
                 more = len(names) - NAMED_OBJECTS
-                shown = ", ".join(names[:NAMED_OBJECTS]) + (f" and {more} more" if more > 0 else "")
-                yield Note(shown, feature, effect, material)
+                listing = ", ".join(names[:NAMED_OBJECTS]) + (f" and {more} more" if more > 0 else "")
+                yield Note(listing, feature, effect, material)
             else:
                 for name in names:
                     yield Note(name, feature, effect)

@@ -1,11 +1,11 @@
-"""Where Blender's viewport shows a scene otherwise than its renders do, and the render's state in its place."""
+"""Differences between Blender's viewport and its renders, and a change to the renders' state."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
 
-# Of a modifier's type: its property for the viewport, and the one for renders.
+# Properties of modifiers by type: for the viewport, and for renders.
 _MODIFIER_LEVELS = {
     "SUBSURF": ("levels", "render_levels"),
     "MULTIRES": ("levels", "render_levels"),
@@ -13,7 +13,7 @@ _MODIFIER_LEVELS = {
     "SCREW": ("steps", "render_steps"),
 }
 _PARTICLE_COUNTS = (("display_step", "render_step"), ("child_percent", "rendered_child_count"))
-_SIMPLIFIED = (
+_SIMPLIFY = (
     ("simplify_subdivision", "simplify_subdivision_render"),
     ("simplify_child_particles", "simplify_child_particles_render"),
 )
@@ -21,23 +21,24 @@ _SIMPLIFIED = (
 
 @dataclass(frozen=True)
 class Difference:
-    """One property whose value in the viewport is not the one that renders use.
+    """A property whose value in the viewport differs from that of renders.
 
     Attributes
     ----------
     owner : str
-        Name of the object, collection or scene that it concerns.
+        Name of the object, collection or scene.
     feature : str
-        What differs, as Blender's interface calls it.
+        The difference, by its name in Blender's interface.
     block : bpy.types.bpy_struct
+        Owner of the property.
     name : str
-        Of the viewport's property.
+        Name of the viewport's property.
     value : object
-        What renders use.
+        Value in renders.
     hidden : bool
-        Whether the viewport leaves out what renders show.
+        Whether the viewport hides what renders show.
     minor : bool
-        Whether it is no more than the difference that Blender makes by default, and hardly seen.
+        Whether the difference is at most Blender's default one, and hardly visible.
     """
 
     owner: str
@@ -50,21 +51,21 @@ class Difference:
 
 
 def differences(scene, view_layer):
-    """Properties in which the viewport differs from renders, of all that renders of a view layer may show.
+    """Differences between viewport and renders in everything that renders of a view layer may show.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        The original one, not evaluated.
+        The original scene, not an evaluated one.
     view_layer : bpy.types.ViewLayer
-        Likewise.
+        Its view layer, also the original.
 
     Yields
     ------
     Difference
     """
     layers = [view_layer, *background_layers(scene)]
-    collections, objects = _rendered(layers)
+    collections, objects = _visible_in_renders(layers)
     for each in collections:
         if each.hide_viewport:
             yield Difference(
@@ -75,26 +76,26 @@ def differences(scene, view_layer):
             yield Difference(thing.name, "Hidden in the viewport", thing, "hide_viewport", False, True)
         yield from _of_object(thing, scene.render)
     if scene.render.use_simplify:
-        for name, rendered in _SIMPLIFIED:
-            wanted = getattr(scene.render, rendered)
-            if getattr(scene.render, name) != wanted:
-                yield Difference(scene.name, "Simplify", scene.render, name, wanted)
+        for name, rendered in _SIMPLIFY:
+            value = getattr(scene.render, rendered)
+            if getattr(scene.render, name) != value:
+                yield Difference(scene.name, "Simplify", scene.render, name, value)
 
 
 def background_layers(scene):
     """View layers of a scene's Background Scenes that renders show behind it, nearest first."""
-    found, background = {}, scene.background_set
-    while background is not None and background.session_uid not in found:
+    layers, background = {}, scene.background_set
+    while background is not None and background.session_uid not in layers:
         used = [layer for layer in background.view_layers if layer.use] or list(background.view_layers)
-        found[background.session_uid] = used[0]
+        layers[background.session_uid] = used[0]
         background = background.background_set
-    return list(found.values())
+    return list(layers.values())
 
 
 def show_as_rendered(scene, view_layer):
-    """Give the viewport's properties the values that renders use.
+    """Set the viewport's properties to the values of renders.
 
-    Only for a file that nobody is working on: nothing is put back. What Blender does not let be changed stays.
+    Only for a file that nobody edits: nothing is restored. Properties that cannot be changed stay.
     """
     for layer in (view_layer, *background_layers(scene)):
         for thing in list(layer.objects):
@@ -107,10 +108,10 @@ def show_as_rendered(scene, view_layer):
             continue
 
 
-def _rendered(view_layers):
+def _visible_in_renders(view_layers):
     """Collections and objects that renders of view layers may show, also as instances.
 
-    A collection that a view layer hides by its eye is evaluated all the same.
+    Collections that a view layer hides by the eye icon are evaluated, too.
     """
     collections, objects, waiting = {}, {}, []
     layers = [view_layer.layer_collection for view_layer in view_layers]
@@ -135,7 +136,7 @@ def _rendered(view_layers):
 
 
 def _of_object(thing, render):
-    """Differences in what an object is made of."""
+    """Differences in an object's instancer, modifiers, data and particles."""
     if thing.is_instancer and thing.show_instancer_for_viewport != thing.show_instancer_for_render:
         shown = thing.show_instancer_for_render
         yield Difference(
@@ -147,12 +148,12 @@ def _of_object(thing, render):
             yield Difference(thing.name, words, modifier, "show_viewport", modifier.show_render)
         pair = _MODIFIER_LEVELS.get(modifier.type)
         if pair and modifier.show_render:
-            seen, wanted = (getattr(modifier, name) for name in pair)
-            if seen != wanted:
+            in_viewport, in_renders = (getattr(modifier, name) for name in pair)
+            if in_viewport != in_renders:
                 limits = render.simplify_subdivision, render.simplify_subdivision_render
-                limited = render.use_simplify and "render_levels" in pair
-                alike = limited and min(seen, limits[0]) == min(wanted, limits[1])
-                yield Difference(thing.name, words, modifier, pair[0], wanted, minor=alike)
+                has_limits = render.use_simplify and "render_levels" in pair
+                alike = has_limits and min(in_viewport, limits[0]) == min(in_renders, limits[1])
+                yield Difference(thing.name, words, modifier, pair[0], in_renders, minor=alike)
     yield from _of_data(thing.name, thing.data)
     for system in thing.particle_systems:
         settings, words = system.settings, f"Particles '{system.name}'"
@@ -168,7 +169,7 @@ def _of_object(thing, render):
 
 
 def _of_data(owner, data):
-    """Differences in how finely curves and metaballs are divided."""
+    """Differences in the resolution of curves and metaballs."""
     if isinstance(data, bpy.types.MetaBall) and data.resolution != data.render_resolution:
         minor = data.resolution <= 2 * data.render_resolution
         yield Difference(
@@ -176,7 +177,7 @@ def _of_data(owner, data):
         )
     if isinstance(data, bpy.types.Curve):
         for name in ("resolution_u", "resolution_v"):
-            wanted = getattr(data, f"render_{name}")
-            for block in (data, *data.splines) if wanted else ():  # 0 stands for the viewport's
-                if getattr(block, name) != wanted:
-                    yield Difference(owner, "Curve resolution", block, name, wanted)
+            value = getattr(data, f"render_{name}")
+            for block in (data, *data.splines) if value else ():  # 0 stands for the viewport's
+                if getattr(block, name) != value:
+                    yield Difference(owner, "Curve resolution", block, name, value)

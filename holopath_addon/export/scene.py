@@ -1,4 +1,4 @@
-"""The evaluated depsgraph to a Mitsuba scene: what is in it, where, and how often."""
+"""Export of the evaluated depsgraph to a Mitsuba scene."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 RAY_OFFSET = 9e-5
 # ... which should stay below this part of the scene's diagonal.
 MAX_OFFSET = 0.03
-# Mitsuba's scene has its origin near the camera, on a grid so coarse, in metres, that it stays where the camera moves a
-# little: what is kept of a scene holds for one origin.
-ORIGINS = 64.0
+# Mitsuba's scene has its origin near the camera, on a grid of this pitch in meters: small motions of the camera keep
+# the origin, for which the cache holds.
+ORIGIN_GRID = 64.0
 
 
 @dataclass
-class Exported:
-    """A Blender scene as the engine takes it.
+class ExportedScene:
+    """A Blender scene in the engine's form.
 
     Attributes
     ----------
     scene : mitsuba.Scene
-        Metres, Blender's axes, about an origin near the camera.
+        In meters and Blender's axes, relative to an origin near the camera.
     camera : Camera
-        About the same origin.
+        Relative to the same origin.
     notes : list of Note
-        Everything approximated or left out.
+        Everything approximated or omitted.
     """
 
     scene: "mi.Scene"
@@ -48,19 +48,19 @@ class Exported:
 
 @dataclass(frozen=True)
 class Reading:
-    """What was read of a Blender scene; holds nothing of bpy.
+    """The contents of a Blender scene, without references to bpy.
 
     Attributes
     ----------
     name : str
-        The scene's.
+        Name of the scene.
     parts : dict
-        For `mitsuba.load_dict`.
+        Arguments of `mitsuba.load_dict`.
     camera : Camera
-        About `origin`.
+        Relative to `origin`.
     notes : Notes
     origin : numpy.ndarray
-        Of the scene as Mitsuba has it, in Blender's world, metres.
+        Origin of Mitsuba's scene in Blender's world, meters.
     """
 
     name: str
@@ -70,40 +70,45 @@ class Reading:
     origin: np.ndarray
 
     def build(self):
-        """Have Mitsuba build its scene, which takes longest where there are many triangles; in any thread.
+        """Build Mitsuba's scene, which takes long for many triangles; any thread may call it.
 
         Returns
         -------
-        Exported
+        ExportedScene
         """
         scene = made(self.parts)
         _note_precision(scene, self.name, self.notes)
-        return Exported(scene, self.camera, list(self.notes))
+        return ExportedScene(scene, self.camera, list(self.notes))
 
 
 def export_scene(depsgraph, resolution, camera=None, cache=None):
     """Export the evaluated scene: `read_scene` and `Reading.build` in one.
 
+    Parameters
+    ----------
+    depsgraph, resolution, camera, cache
+        See `read_scene`.
+
     Returns
     -------
-    Exported
+    ExportedScene
     """
     return read_scene(depsgraph, resolution, camera, cache).build()
 
 
 def read_scene(depsgraph, resolution, camera=None, cache=None):
-    """Read the evaluated scene; on the thread that owns `depsgraph`.
+    """Read the evaluated scene, on the thread that owns `depsgraph`.
 
     Parameters
     ----------
     depsgraph : bpy.types.Depsgraph
-        Evaluated; its mode decides whether viewport or render settings of modifiers count.
+        An evaluated one; its mode decides between viewport and render settings of modifiers.
     resolution : tuple of int
         Hologram width and height in pixels; with the camera's sensor fit they set the field of view.
     camera : bpy.types.Object, str or Camera, optional
-        Camera object or its name, or a camera that is none of the scene's. Default: the scene's active camera.
+        A camera object or its name, or a camera outside the scene. Default: the scene's active camera.
     cache : ExportCache, optional
-        Held by the caller from one export to the next, which then only reads what changed.
+        Cache of the caller's previous export; only changes are read then.
 
     Returns
     -------
@@ -112,9 +117,9 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     Raises
     ------
     InvalidInput
-        Where there is no usable camera, nothing to render, or a mesh with vertices that are not finite.
+        If there is no usable camera, nothing to render, or a mesh has vertices that are not finite.
     BackendUnavailable
-        Where Mitsuba cannot run.
+        If Mitsuba cannot run.
     """
     activate()
     scene = depsgraph.scene
@@ -125,7 +130,7 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     else:
         exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
-    origin = ORIGINS * np.round(exported_camera.position / ORIGINS)
+    origin = ORIGIN_GRID * np.round(exported_camera.position / ORIGIN_GRID)
     _note_settings(depsgraph, notes)
     parts = read_parts(depsgraph, scale, pixel, notes, cache, origin)
     _note_libraries(notes)
@@ -133,7 +138,7 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
 
 
 def _note_settings(depsgraph, notes):
-    """Tell which settings of renders a hologram does not take over."""
+    """Note render settings that a hologram ignores."""
     scene = depsgraph.scene
     cycles = getattr(scene, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
     add_notes(scene.render, scene.name, notes)
@@ -142,16 +147,16 @@ def _note_settings(depsgraph, notes):
         notes.add(
             scene.name, "Fast GI Approximation", "ignored: light bounces as often as Max Path Depth says"
         )
-    limited = cycles and (
+    has_limit = cycles and (
         cycles.texture_limit_render != "OFF"
         or getattr(cycles, "texture_resolution_render", 1) != 1  # since Blender 5.2
     )
-    if limited and scene.render.use_simplify:
+    if has_limit and scene.render.use_simplify:
         notes.add(scene.name, "Texture Limit of Simplify", "ignored: images have their full size")
 
 
 def _note_precision(exported_scene, name, notes):
-    """Tell where Mitsuba's rays start too far from the surface that they leave."""
+    """Note rays of Mitsuba that start too far from their surface."""
     box = exported_scene.bbox()
     if not box.valid():
         return
@@ -166,19 +171,19 @@ def _note_precision(exported_scene, name, notes):
 
 
 def _note_libraries(notes):
-    """Note each linked library that is missing, or lacks what is linked from it: Blender has empty stand-ins."""
+    """Note linked libraries that are missing, or lack linked data, for which Blender has empty placeholders."""
     import bpy
 
     for library in bpy.data.libraries:
-        lost = [thing for thing in library.users_id if thing.is_missing]
-        if not lost:
+        absent = [thing for thing in library.users_id if thing.is_missing]
+        if not absent:
             continue
         names = {True: [], False: []}  # of objects and collections; of what these consist of
-        for thing in lost:
+        for thing in absent:
             kind = thing.id_type.lower().replace("_", " ")
             names[kind in ("object", "collection")].append(f"{kind} {thing.name}")
-        effects = [f"{_listed(names[True])} left out"] if names[True] else []
-        effects += [f"nothing in {_listed(names[False])}"] if names[False] else []
+        effects = [f"{_enumerate(names[True])} left out"] if names[True] else []
+        effects += [f"nothing in {_enumerate(names[False])}"] if names[False] else []
         if is_there(library):
             feature, advice = (
                 "Linked library without what is linked",
@@ -196,14 +201,14 @@ def is_there(library):
     return Path(bpy.path.abspath(library.filepath, library=library.parent)).is_file()
 
 
-def _listed(names):
-    """Some names, and how many more there are."""
+def _enumerate(names):
+    """Some names, and the number of others."""
     names, more = sorted(names), len(names) - NAMED_OBJECTS
     return ", ".join(names[:NAMED_OBJECTS]) + (f" and {more} more" if more > 0 else "")
 
 
 def footprint(camera, resolution, scale):
-    """Function that gives how much of a box (its lower and upper corner) a pixel covers where it is nearest.
+    """Make the function from a box (its lower and upper corner) to the size of a pixel at its nearest point.
 
     All in Blender units.
     """
@@ -213,13 +218,13 @@ def footprint(camera, resolution, scale):
 
 
 def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0)):
-    """What of Blender's scene becomes Mitsuba's.
+    """Read the parts of Mitsuba's scene.
 
     Parameters
     ----------
     depsgraph : bpy.types.Depsgraph
     scale : float
-        Metres a Blender unit.
+        Meters a Blender unit.
     pixel : callable
         See `footprint`.
     notes : Notes
@@ -246,18 +251,18 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
         world = appearances.world(world_of(depsgraph), scene.frame_current_final, export_world)
-        cache.end(contents.meshes, contents.joined)
+        cache.end(contents.meshes, contents.joined_meshes)
     except BaseException:
         cache.clear()
         raise
     if len(parts) - len(contents.emitters) == 2 and world is None:
         import bpy
 
-        lost = [library.filepath for library in bpy.data.libraries if not is_there(library)]
+        absent = [library.filepath for library in bpy.data.libraries if not is_there(library)]
         advice = "add or unhide an object with faces"
         raise InvalidInput(
             f"The scene '{scene.name}' has nothing visible to render: "
-            + (f"its linked library {lost[0]} is missing." if lost else f"{advice}.")
+            + (f"its linked library {absent[0]} is missing." if absent else f"{advice}.")
         )
     if world is not None:
         parts["world"] = world
@@ -271,11 +276,11 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
                 "Lamps mirrored in or shining through a smooth or transparent surface",
                 "missing: use an emitting mesh as lamp",
             )
-            notes.worn(name, missing)
+            notes.add_material(name, missing)
     return parts
 
 
 def unit_scale(scene):
-    """Metres a Blender unit."""
+    """Meters a Blender unit."""
     units = scene.unit_settings
     return 1.0 if units.system == "NONE" else float(units.scale_length)

@@ -1,11 +1,11 @@
-"""Blender's world to a Mitsuba environment."""
+"""Conversion of Blender's world to a Mitsuba environment."""
 
 import numpy as np
 
 from .census import add_notes
 from .shading import baking
 from .shading.node_graph import Pin, follow, output_node, upstream, uses_nodes
-from .shading.textures import MAGENTA, ImageValue, decoded, missing, own_mapping, stand_in_effect
+from .shading.textures import MAGENTA, ImageValue, decode_srgb, missing, own_mapping, stand_in_effect
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
@@ -16,21 +16,21 @@ MAX_EXCESS = 0.02  # of the brightness halfway between texels, without a note
 
 
 def world_of(depsgraph):
-    """The world of an evaluated view layer, `bpy.types.World` or None: its own, or the scene's; none without sky."""
+    """World of an evaluated view layer, `bpy.types.World`: its own, or the scene's; None without sky."""
     if not depsgraph.view_layer.use_sky:
         return None
     return getattr(depsgraph.view_layer, "world_override", None) or depsgraph.scene.world
 
 
 def sees_sky(depsgraph):
-    """Whether the world is seen around the scene, which it lights in any case."""
+    """Whether the world is visible around the scene; it lights the scene in any case."""
     world = world_of(depsgraph)
     rays = getattr(world, "cycles_visibility", None)  # not where Cycles is switched off
     return not depsgraph.scene.render.film_transparent and (rays is None or rays.camera)
 
 
 def export_world(world, frame, textures, notes):
-    """Turn the world into one Mitsuba environment emitter.
+    """Convert the world to one Mitsuba environment emitter.
 
     Parameters
     ----------
@@ -68,27 +68,27 @@ def export_world(world, frame, textures, notes):
         return None
     direct = _direct(source, world.name, frame, textures, notes)
     if direct is None:
-        return _baked(source, world, frame, notes)
-    colour, strength, rotation = direct
+        return _bake(source, world, frame, notes)
+    color, strength, rotation = direct
     if strength <= 0:
         return None
-    if not isinstance(colour, ImageValue):
-        return _uniform(np.array(colour) * strength)
-    kept = textures.stored(colour.image)
-    return _everywhere(_radiance(kept, world.name, notes) * np.float32(strength), rotation)
+    if not isinstance(color, ImageValue):
+        return _uniform(np.array(color) * strength)
+    image = textures.stored(color.image)
+    return _everywhere(_radiance(image, world.name, notes) * np.float32(strength), rotation)
 
 
-def _radiance(kept, owner, notes):
-    """Linear values of a stored image [y, x, 3], on a finer grid where Cycles interpolates between encoded ones."""
-    pixels = kept.numbers[..., :3]
-    if not kept.srgb:
+def _radiance(image, owner, notes):
+    """Linear values of an image [y, x, 3], on a finer grid if Cycles interpolates between encoded ones."""
+    pixels = image.numbers[..., :3]
+    if not image.srgb:
         return pixels
     height, width = pixels.shape[:2]
     finer = min(MAX_REFINED // max(width, 2 * height), MAX_FINER)
     finer -= finer % 2 == 0  # an odd number, so that the centers of texels are among the places
     if finer > 1:
-        return decoded(_refined(_refined(pixels, 0, finer), 1, finer))
-    linear = decoded(pixels)
+        return decode_srgb(_refine(_refine(pixels, 0, finer), 1, finer))
+    linear = decode_srgb(pixels)
     excess = _excess(pixels, linear)
     if excess > MAX_EXCESS:
         notes.add(
@@ -100,15 +100,15 @@ def _radiance(kept, owner, notes):
 
 
 def _excess(pixels, linear):
-    """How much brighter the mean between neighboring texels is if they are decoded before interpolation, a fraction."""
-    between = decoded((pixels[:, 1:] + pixels[:, :-1]) / 2).mean(dtype=float)
+    """Relative excess of the mean between neighboring texels that are decoded before interpolation."""
+    between = decode_srgb((pixels[:, 1:] + pixels[:, :-1]) / 2).mean(dtype=float)
     return float(
         (linear[:, 1:].mean(dtype=float) + linear[:, :-1].mean(dtype=float)) / 2 / max(between, 1e-9) - 1
     )
 
 
-def _refined(pixels, axis, finer):
-    """Pixels interpolated linearly at `finer` times as many places along an axis, around it as Cycles does."""
+def _refine(pixels, axis, finer):
+    """Linear interpolation of pixels at `finer` times as many points along an axis, periodic as in Cycles."""
     pixels = np.moveaxis(np.pad(pixels, [(int(axis == k),) * 2 for k in range(3)], "wrap"), axis, 0)
     places = (np.arange(finer * (len(pixels) - 2)) + 0.5) / finer + 0.5
     first = places.astype(int)
@@ -117,16 +117,16 @@ def _refined(pixels, axis, finer):
 
 
 def _direct(source, owner, frame, textures, notes):
-    """Colour or image, strength, and the 3x3 rotation from world directions to the image's; or None: bake it."""
+    """Color or image, strength, and the 3x3 rotation from world directions to the image's; None if it must be baked."""
     if source.node.bl_idname not in ("ShaderNodeBackground", "ShaderNodeEmission") or source.node.mute:
         return None
-    strength, colour = follow(source.input("Strength")), follow(source.input("Color"))
+    strength, color = follow(source.input("Strength")), follow(source.input("Color"))
     if strength.socket.is_output:
         return None
     strength = float(strength.socket.default_value)
-    if not colour.socket.is_output:
-        return tuple(colour.socket.default_value)[:3], strength, np.eye(3)
-    node = colour.node
+    if not color.socket.is_output:
+        return tuple(color.socket.default_value)[:3], strength, np.eye(3)
+    node = color.node
     if node.bl_idname != "ShaderNodeTexEnvironment" or node.mute:
         return None
     if missing(node, owner, frame, notes):
@@ -140,7 +140,7 @@ def _direct(source, owner, frame, textures, notes):
     ):
         return None
     rotation = np.eye(3)
-    vector = follow(colour.input("Vector"))
+    vector = follow(color.input("Vector"))
     if vector.socket.is_output and vector.node.bl_idname == "ShaderNodeMapping":
         rotation = _rotation(vector)
         vector = follow(vector.input("Vector"))
@@ -153,7 +153,7 @@ def _direct(source, owner, frame, textures, notes):
 
 
 def _rotation(source):
-    """Rotation of directions by a Mapping node, or None if it does anything else."""
+    """Rotation of directions by a Mapping node; None if it does anything else."""
     from mathutils import Euler
 
     values = {}
@@ -169,8 +169,8 @@ def _rotation(source):
     return rotation.T if source.node.vector_type == "TEXTURE" else rotation
 
 
-def _baked(source, world, frame, notes):
-    """The world that any nodes make, evaluated by Cycles in every direction."""
+def _bake(source, world, frame, notes):
+    """World of any nodes, which Cycles evaluates in every direction."""
     feature = f"{source.node.bl_label} node" if source.groups == () else "World nodes"
     if any(node.bl_idname == "ShaderNodeLightPath" for node in world.node_tree.nodes):
         notes.add(world.name, "Light Path node", "the world is the same for all kinds of rays")
@@ -202,7 +202,7 @@ def _uniform(radiance):
 
 
 def _everywhere(radiance, rotation):
-    """Environment from pixels, bottom row first, whose directions are turned by a rotation."""
+    """Environment of pixels, bottom row first, whose directions are rotated."""
     import mitsuba as mi
 
     # Mitsuba has the first and the last row at the poles, Blender half a row away from them

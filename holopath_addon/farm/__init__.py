@@ -1,1 +1,1 @@
-"""Beyond one process: work in pieces that many processes, on one machine or many, share by one folder."""
+"""Distribution of work over processes of one machine or many, which share a folder."""

@@ -1,10 +1,10 @@
-"""Who makes what: claims on pieces of work, as files in the folder that all processes share.
+"""Claims on units of work, as files in the folder that all processes share.
 
-A claim is a file that only one process can make (``O_EXCL``, which network file systems keep, too). No locks, and no
-clocks of different machines: the age of a claim is told by its file's time and that of a file touched now, which are
-both the file server's. To take over what a killed process held, a process first claims the taking over of that very
-claim, by the token in it, so that of two that find it at once one removes it, and never what has come in its place.
-A process that was only slow may find its claim taken over: both then make the same, which does no harm.
+A claim is a file that only one process can create (``O_EXCL``, which network file systems respect, too). There are no
+locks, and clocks of machines are not compared: the age of a claim is the difference between its file's time and that
+of a file touched now, both by the file server's clock. To take over a dead process's claim, a process first claims
+that takeover, by the token in the claim. So of two processes that find it at once, one removes it, and never a new
+claim in its place. A slow process may lose its claim: then both make the same, which is harmless.
 """
 
 from __future__ import annotations
@@ -24,28 +24,30 @@ from pathlib import Path
 from . import processes
 
 FOLDER = ".claims"
-BEAT = 15.0  # seconds from one touch of a claim to the next
-STALE = 60.0  # seconds without one after which a process of another machine is taken for gone
-WAIT = 0.1  # seconds from one look at what another process holds for moments to the next, at first
-LONGEST_WAIT = 3.0  # and at most, so that a thousand who wait leave the server time for the one who is in
-ENOUGH = 8  # living processes after which one that leaves lets others clear away what killed ones left
+TOUCH_INTERVAL = 15.0  # seconds
+STALE_AFTER = 60.0  # seconds without a touch, after which a process of another machine counts as dead
+MIN_WAIT = 0.1  # first seconds between attempts to claim what another process holds for a moment
+MAX_WAIT = (
+    3.0  # last seconds between them, so that a thousand waiting processes do not block the one that holds it
+)
+ENOUGH_ALIVE = 8  # living processes, which clear away dead claims later
 TRIES = 10
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a claim tells of the process that holds it.
+    """Contents of a claim: the process that holds it.
 
     Attributes
     ----------
     host : str
         Name of its machine.
     place, pid, started
-        Which process it is, see `processes`.
+        Identity of the process, see `processes`.
     tag : str
-        What it works for.
+        Tag of its job.
     token : str
-        Unlike any other claim's.
+        Unique token of the claim.
     """
 
     host: str = "another machine"
@@ -57,131 +59,135 @@ class Claim:
 
 
 class Claims:
-    """Claims of this process in a folder, while the block runs.
+    """Context manager of this process's claims in a folder.
 
     Parameters
     ----------
     folder : path
-        Made if it does not exist.
+        Created if it does not exist.
     tag : str
-        What this process works for: a digest of all that decides the results; empty where it only looks.
+        Tag of the job: a digest of every input that affects the results; empty for a process that only looks.
 
     Raises
     ------
     OSError
-        On entering, and from `claim`, if the folder cannot be written to.
+        On entry, and from `claim`, if the folder cannot be written to.
     """
 
     def __init__(self, folder: Path | str, tag: str) -> None:
         self._folder, self._tag = Path(folder) / FOLDER, tag
-        self._held: dict[str, Claim] = {}  # by name
-        self._alive: dict[str, tuple[Claim, float]] = {}  # others' by name, and until when they surely are
-        self._here = f".{secrets.token_hex(8)}"  # this process's own claim, and the server's clock
-        self._ended = threading.Event()
-        self._heart = threading.Thread(target=self._beat, name="claims", daemon=True)
+        self._own: dict[str, Claim] = {}  # by name
+        self._alive: dict[
+            str, tuple[Claim, float]
+        ] = {}  # others' claims by name, and until when they are alive
+        self._here = (
+            f".{secrets.token_hex(8)}"  # this process's own claim, which also reads the server's clock
+        )
+        self._stop = threading.Event()
+        self._toucher = threading.Thread(target=self._touch, name="claims", daemon=True)
 
     def __enter__(self) -> Claims:
         try:
-            while self._here not in self._held:
+            while self._here not in self._own:
                 self._folder.mkdir(parents=True, exist_ok=True)
-                with suppress(FileNotFoundError):  # another process ended just now and took the folder along
+                with suppress(FileNotFoundError):  # another process has just ended and removed the folder
                     self._make(self._here)
-            self._heart.start()
+            self._toucher.start()
         except BaseException:
-            self._ended.set()
+            self._stop.set()
             self._leave()
             raise
         return self
 
     def __exit__(self, *_) -> None:
         with processes.uninterrupted():
-            self._ended.set()
-            self._heart.join()
+            self._stop.set()
+            self._toucher.join()
             with suppress(OSError):
                 self._clear()
             self._leave()
 
     @contextmanager
     def claim(self, name: str) -> Iterator[bool]:
-        """Hold the claim on a piece of work while the block runs, if no other process does.
+        """Hold the claim on a unit within the block, if no other process holds it.
 
         Yields
         ------
         bool
             Whether this process holds it.
         """
-        before = name in self._held
+        was_held = name in self._own
         try:
-            yield self._claimed(name)
+            yield self._try_claim(name)
         finally:
-            if not before and name in self._held:
+            if not was_held and name in self._own:
                 self._release(name)
 
     @contextmanager
     def wait(self, name: str) -> Iterator[None]:
-        """Hold a claim that nobody holds for longer than moments."""
-        pause = WAIT
+        """Hold a claim within the block, after waiting for other processes, which hold it for moments only."""
+        pause = MIN_WAIT
         while True:
-            with self.claim(name) as held:
-                if held:
+            with self.claim(name) as is_mine:
+                if is_mine:
                     yield
                     return
             time.sleep(pause * random.uniform(0.5, 1.0))
-            pause = min(1.5 * pause, LONGEST_WAIT)
+            pause = min(1.5 * pause, MAX_WAIT)
 
     def names(self) -> list[str]:
-        """Of all claims, living or not, by one look at the folder; a dot begins those on no piece of work.
+        """Names of all claims, alive or dead, by one listing of the folder; names with a dot are not units.
 
-        That it is touched has network file systems ask the server, and not tell what was there a minute ago.
+        Touching the folder makes network file systems ask the server instead of a cache.
         """
         os.utime(self._folder)
         return os.listdir(self._folder)
 
     def alive(self, name: str) -> bool:
-        """Whether a claim's holder lives for all that `claim` found, told without a look at the folder."""
+        """Whether a claim's holder is alive as far as `claim` has found, without access to the folder."""
         claim, until = self._alive.get(name, (Claim(), 0.0))
         here = claim.place == processes.place()
-        return time.monotonic() < until and not (here and processes.started(claim.pid) != claim.started)
+        return time.monotonic() < until and not (here and processes.start_time(claim.pid) != claim.started)
 
-    def lost(self, name: str) -> bool:
-        """Whether another process has taken over a claim that this one holds."""
-        found = self._read(name)
-        return found is None or found[0] != self._held[name]
+    def is_lost(self, name: str) -> bool:
+        """Whether another process has taken over a claim of this one."""
+        content = self._read(name)
+        return content is None or content[0] != self._own[name]
 
     def holder(self, name: str) -> Claim | None:
-        """The living process that holds a claim; None where there is none."""
-        found = self._read(name)
-        return None if found is None or self._left(*found) < 0 else found[0]
+        """Claim of a living process; None without one."""
+        content = self._read(name)
+        return None if content is None or self._seconds_alive(*content) < 0 else content[0]
 
     def holders(self) -> dict[str, Claim]:
-        """Claims of all living processes by name; a dot begins names of those on no piece of work."""
-        found = {name: self.holder(name) for name in sorted(os.listdir(self._folder))}
-        return {name: claim for name, claim in found.items() if claim}
+        """Claims of all living processes by name; names with a dot are not units."""
+        claims = {name: self.holder(name) for name in sorted(os.listdir(self._folder))}
+        return {name: claim for name, claim in claims.items() if claim}
 
-    def _claimed(self, name):
+    def _try_claim(self, name):
         for _ in range(2):
             if self._make(name):
                 return True
-            found = self._read(name)
-            if found is None:
+            content = self._read(name)
+            if content is None:
                 continue  # released meanwhile
-            left = self._left(*found)
-            if left >= 0:
-                self._alive[name] = found[0], time.monotonic() + left
+            seconds = self._seconds_alive(*content)
+            if seconds >= 0:
+                self._alive[name] = content[0], time.monotonic() + seconds
                 return False
-            with self.claim(f".{name.lstrip('.')}.{found[0].token}") as mine:
+            with self.claim(f".{name.lstrip('.')}.{content[0].token}") as is_mine:
                 again = self._read(name)
-                if mine and again is not None and again[0] == found[0]:
+                if is_mine and again is not None and again[0] == content[0]:
                     self._remove(name)
         return False
 
     def _make(self, name):
-        """Whether there was no such claim before."""
+        """Create a claim; False if it exists."""
         claim = Claim(
             processes.host(),
             processes.place(),
             os.getpid(),
-            processes.started(os.getpid()),
+            processes.start_time(os.getpid()),
             self._tag,
             secrets.token_hex(8),
         )
@@ -196,65 +202,65 @@ class Claims:
             except BaseException:
                 self._remove(name)
                 raise
-            self._held[name] = claim
+            self._own[name] = claim
         return True
 
     def _clear(self):
-        """Remove what killed processes left, as far as there are not many who do so after this one."""
-        living, names = 0, [name for name in self.names() if name not in self._held]
+        """Remove claims of dead processes, unless many living ones can do so later."""
+        alive, names = 0, [name for name in self.names() if name not in self._own]
         for name in random.sample(names, len(names)):
-            with self.claim(name) as held:
-                living += not held
-            if living == ENOUGH:
+            with self.claim(name) as is_mine:
+                alive += not is_mine
+            if alive == ENOUGH_ALIVE:
                 return
 
     def _leave(self):
-        for name in list(self._held):
+        for name in list(self._own):
             self._release(name)
         with suppress(OSError):
             self._folder.rmdir()  # unless others work here
 
     def _release(self, name):
         with processes.uninterrupted():
-            if not self.lost(name):
+            if not self.is_lost(name):
                 self._remove(name)
-            del self._held[name]
+            del self._own[name]
 
     def _remove(self, name):
         for _ in range(TRIES):
             try:
                 (self._folder / name).unlink(missing_ok=True)
                 return
-            except OSError:  # Windows deletes nothing that another process reads just now
-                time.sleep(WAIT / TRIES)
+            except OSError:  # Windows does not delete a file that another process reads
+                time.sleep(MIN_WAIT / TRIES)
 
     def _read(self, name):
-        """A claim and the server's time of its last touch, seconds; None where there is none.
+        """Read a claim and the server's time of its last touch, seconds; None without a claim.
 
-        A claim is empty for the moment in which it is made. That it is opened has network file systems ask the server.
+        A claim is empty at the moment of its creation. Opening it makes network file systems ask the server.
         """
         try:
             with open(self._folder / name) as stream:
-                touched, text = os.fstat(stream.fileno()).st_mtime, stream.read()
+                touch_time, text = os.fstat(stream.fileno()).st_mtime, stream.read()
         except OSError:
             return None
         try:
-            return Claim(**json.loads(text)), touched
+            return Claim(**json.loads(text)), touch_time
         except (ValueError, TypeError):
-            return Claim(), touched
+            return Claim(), touch_time
 
-    def _left(self, claim, touched):
-        """Seconds for which the process that holds a claim cannot be taken for gone; negative if it runs no more."""
+    def _seconds_alive(self, claim, touch_time):
+        """Seconds until the holder of a claim may count as dead; negative if it is dead."""
         if claim.place == processes.place():
-            return STALE if processes.started(claim.pid) == claim.started else -math.inf
+            return STALE_AFTER if processes.start_time(claim.pid) == claim.started else -math.inf
         with suppress(OSError):
             os.utime(self._folder / self._here)
         now = self._read(self._here)
-        return STALE if now is None else STALE - (now[1] - touched)
+        return STALE_AFTER if now is None else STALE_AFTER - (now[1] - touch_time)
 
-    def _beat(self):
-        while not self._ended.wait(BEAT):
-            for name in list(self._held):
-                with suppress(OSError, KeyError):  # released meanwhile, or the server is away
-                    if not self.lost(name):
+    def _touch(self):
+        while not self._stop.wait(TOUCH_INTERVAL):
+            for name in list(self._own):
+                with suppress(OSError, KeyError):  # released meanwhile, or the server is unavailable
+                    if not self.is_lost(name):
                         os.utime(self._folder / name)

@@ -1,4 +1,4 @@
-"""Clusters of Dask: workers on this machine, of a scheduler that runs somewhere, or jobs of SLURM."""
+"""Dask clusters: workers on this machine, of a running scheduler, or as jobs of SLURM."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from ..workflow import failures
 from .errors import FarmFailed
 
 FORMS = "ADDRESS|local:N|slurm[:FILE]"
-# Of schedulers that run in this process; others have their own.
+# Dask's configuration for schedulers in this process; others have their own.
 CONFIGURATION = {
-    # How many workers may die with a unit before it is given up. Nodes that are taken away are no fault of the unit,
-    # and `retries` are not for them. A unit that needs more memory than there is must end at some time, though.
+    # Number of workers that may die with a unit before it fails. Preempted nodes are not the unit's fault, and do not
+    # count as `retries`; but a unit that needs too much memory must fail in the end.
     "distributed.scheduler.allowed-failures": 10,
-    # A machine that vanishes without a word, for a worker's event loop is never busy: kernels run in its child. As
-    # long as it takes for the claims of such a machine to be taken over.
+    # Silence after which a machine counts as lost, the same as for its claims. A worker's event loop is never busy:
+    # kernels run in its child.
     "distributed.scheduler.worker-ttl": "60s",
-    # Units wait for workers as long as it takes: jobs may be queued for hours, and processes here are started again.
+    # Units wait for workers without a limit: jobs may be queued for hours, and local processes are restarted.
     "distributed.scheduler.no-workers-timeout": None,
-    # Until one has been timed. Dask's guess of half a second would have eight units wait for a single worker.
+    # Before the first unit is timed. Dask's default of half a second would queue eight units on a single worker.
     "distributed.scheduler.unknown-task-duration": "5 minutes",
-    # Of a thread that waits for its child a hundred samples a second tell nothing.
+    # A hundred samples a second of a thread that waits for its child are useless.
     "distributed.worker.profile.enabled": False,
-    # Schedulers and workers serve pages. Ours have none: their port is on this machine, and says nothing.
+    # No web pages: the port of schedulers and workers is local and serves nothing.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-CONNECT = 10.0  # seconds that a scheduler has to answer in
-PAGES = {"dashboard_address": "127.0.0.1:0"}  # any free port
-_KINDS = {  # of the options of `Slurm`: what they are, and whether a value is such
+CONNECT_TIMEOUT = 10.0  # seconds
+DASHBOARD = {"dashboard_address": "127.0.0.1:0"}  # any free port
+_KINDS = {  # of options of `Slurm`: description and check of a value
     "int": ("a whole number from 1 on", lambda value: type(value) is int and value > 0),
     "str": ("text", lambda value: isinstance(value, str)),
     "list[str]": (
@@ -52,7 +52,7 @@ _KINDS = {  # of the options of `Slurm`: what they are, and whether a value is s
 
 @dataclass(frozen=True)
 class Slurm:
-    """What is asked of SLURM for each worker, see `read`."""
+    """Options of SLURM for each worker, see `read`."""
 
     cores: int = 8
     memory: str = "16GB"
@@ -67,7 +67,7 @@ class Slurm:
 
     @classmethod
     def read(cls, path: Path | str) -> Slurm:
-        """Of a TOML file.
+        """Read options from a TOML file.
 
         Raises
         ------
@@ -77,29 +77,29 @@ class Slurm:
             entries = tomllib.loads(Path(path).read_text("utf-8"))
         except (OSError, ValueError) as error:
             raise InvalidInput(
-                f"The SLURM options {path} cannot be read ({error}): give a TOML file."
+                f"The SLURM options {path} cannot be read ({error}). Give a TOML file."
             ) from error
         kinds = {each.name: _KINDS[each.type.partition(" ")[0]] for each in fields(cls)}
         for name, value in entries.items():
             if name not in kinds:
-                raise InvalidInput(f"{path} has an unknown key '{name}': choose among {', '.join(kinds)}.")
-            what, fits = kinds[name]
+                raise InvalidInput(f"Expected keys among {', '.join(kinds)} in {path}, got '{name}'.")
+            description, fits = kinds[name]
             if not fits(value):
-                raise InvalidInput(f"{name} in {path} is {value!r}: give {what}.")
+                raise InvalidInput(f"Expected {name} in {path} to be {description}, got {value!r}.")
         slurm = cls(**entries)
         if slurm.seconds < 300:
             raise InvalidInput(
-                f"walltime in {path} is {slurm.walltime}: give 5 minutes or more, as 01:00:00."
+                f"walltime in {path} must be at least 5 minutes, such as 01:00:00, got {slurm.walltime}."
             )
         return slurm
 
     @property
     def seconds(self) -> int:
-        """Walltime; 0 where it is none of SLURM's forms: MM, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS."""
-        found = re.fullmatch(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?", self.walltime)
-        if not found:
+        """Walltime in seconds; 0 unless it has a form of SLURM: MM, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS."""
+        match = re.fullmatch(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?", self.walltime)
+        if not match:
             return 0
-        days, *rest = found.groups()
+        days, *rest = match.groups()
         numbers = [int(each) for each in rest if each is not None]
         if days is None and len(numbers) < 3:
             numbers = [0, *numbers]
@@ -108,8 +108,8 @@ class Slurm:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Of `dask_jobqueue.SLURMCluster`."""
-        # Workers end by themselves before SLURM ends them, and not all at once: their units then go to others at once.
+        """Arguments of `dask_jobqueue.SLURMCluster`."""
+        # Workers end before SLURM ends them, at different times, so that their units go to others without a delay.
         margin = max(60, self.seconds // 10)
         return {
             "cores": self.cores,
@@ -126,22 +126,22 @@ class Slurm:
             "worker_extra_args": [
                 *("--lifetime", f"{self.seconds - margin}s"),
                 *("--lifetime-stagger", f"{margin // 3}s"),
-                *("--no-dashboard", "--dashboard-address", PAGES["dashboard_address"]),
+                *("--no-dashboard", "--dashboard-address", DASHBOARD["dashboard_address"]),
             ],
-            "scheduler_options": {"dashboard": False, **PAGES},
+            "scheduler_options": {"dashboard": False, **DASHBOARD},
         }
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """What is meant by `FORMS`.
+    """A cluster of one of `FORMS`.
 
     Attributes
     ----------
     address : str
-        Of a scheduler that runs, or none.
+        Address of a running scheduler, or empty.
     workers : int
-        Processes on this machine, or 0.
+        Number of processes on this machine, or 0.
     slurm : Slurm or None
     """
 
@@ -151,7 +151,7 @@ class Cluster:
 
     @classmethod
     def parse(cls, text: str) -> Cluster:
-        """Raises `engine.InvalidInput`."""
+        """Parse one of `FORMS`; raises `engine.InvalidInput`."""
         kind, _, rest = text.partition(":")
         if kind == "local" and rest.isdecimal() and int(rest) > 0:
             return cls(workers=int(rest))
@@ -162,18 +162,18 @@ class Cluster:
         if re.fullmatch(r"(tcp|tls)://.+:\d+", text):
             return cls(address=text)
         raise InvalidInput(
-            f"'{text}' is no cluster: give tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, local:N for N "
-            "processes on this machine, or slurm:FILE."
+            "Expected a cluster tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, local:N for N processes on "
+            f"this machine, or slurm:FILE, got '{text}'."
         )
 
     @contextmanager
     def client(self, folder: Path | str) -> Iterator[Any]:
-        """A `distributed.Client` of it; what was started for it ends with the block.
+        """A `distributed.Client` of the cluster; schedulers and workers started for it end with the block.
 
         Parameters
         ----------
         folder : path
-            That all machines share.
+            A folder that all machines share.
 
         Raises
         ------
@@ -184,18 +184,18 @@ class Cluster:
             import distributed
         except ImportError as error:
             raise BackendUnavailable(
-                f"--cluster needs Dask ({error}): install it with `pip install distributed`."
+                f"--cluster needs Dask ({error}). Run `pip install distributed`."
             ) from error
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told as one sentence
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are raised as one message
         with ExitStack() as stack:
             stack.enter_context(dask.config.set(CONFIGURATION))
             if self.address:
-                client = _connected(self.address)
+                client = _connect(self.address)
                 stack.callback(client.close, timeout=2)
                 _check_scheduler(client)
             else:
-                started = self._local(stack) if self.workers else self._slurm(stack, folder)
-                client = stack.enter_context(distributed.Client(started, set_as_default=False))
+                cluster = self._local(stack) if self.workers else self._slurm(stack, folder)
+                client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
             yield client
 
     def _local(self, stack):
@@ -206,8 +206,8 @@ class Cluster:
             threads_per_worker=max(1, variants.threads() // self.workers),  # the child's; the worker uses one
             host="127.0.0.1",
             dashboard_address=None,
-            scheduler_kwargs=PAGES,
-            # A worker holds a few numbers. Its child, which needs the memory, is none of Dask's.
+            scheduler_kwargs=DASHBOARD,
+            # A worker holds a few numbers. Dask does not see its child, which needs the memory.
             memory_limit=None,
             security=_security(stack, tempfile.gettempdir()),
             silence_logs=logging.CRITICAL,
@@ -219,56 +219,56 @@ class Cluster:
             from dask_jobqueue import SLURMCluster
         except ImportError as error:
             raise BackendUnavailable(
-                f"--cluster slurm needs dask-jobqueue ({error}): install it with `pip install dask-jobqueue`."
+                f"--cluster slurm needs dask-jobqueue ({error}). Run `pip install dask-jobqueue`."
             ) from error
         if shutil.which("sbatch") is None:
             raise BackendUnavailable(
-                "--cluster slurm needs the command sbatch: start it on a machine that submits jobs."
+                "--cluster slurm needs the command sbatch. Start it on a machine that submits jobs."
             )
         assert self.slurm is not None
         security = _security(stack, folder)
         if security is None:
             raise BackendUnavailable(
-                "Workers of other machines are spoken with by TLS: install openssl, or name certificates in Dask's "
-                "configuration (distributed.comm.tls)."
+                "Workers of other machines need TLS. Install openssl, or name certificates in Dask's configuration "
+                "(distributed.comm.tls)."
             )
         cluster = stack.enter_context(SLURMCluster(**self.slurm.arguments, security=security))
         cluster.adapt(minimum_jobs=0, maximum_jobs=self.slurm.jobs)
         return cluster
 
 
-def _connected(address):
+def _connect(address):
     import distributed
 
     if address.startswith("tls") and not distributed.Security().get_connection_args("client")["ssl_context"]:
         raise InvalidInput(
-            f"{address} needs certificates: name them in Dask's configuration (distributed.comm.tls)."
+            f"{address} needs certificates. Name them in Dask's configuration (distributed.comm.tls)."
         )
     try:
-        return distributed.Client(address, set_as_default=False, timeout=CONNECT)
+        return distributed.Client(address, set_as_default=False, timeout=CONNECT_TIMEOUT)
     except (OSError, TimeoutError, ValueError, RuntimeError) as error:
         raise FarmFailed(
-            f"No Dask scheduler answers at {address} ({failures.one_line(error)}): start one with `dask scheduler`, or "
-            "see its address, and its certificates if it is tls."
+            f"No Dask scheduler answers at {address} ({failures.one_line(error)}). Start one by `dask scheduler`, or "
+            "check its address, and its certificates if it is tls."
         ) from error
 
 
 def _security(stack, folder) -> Any:
-    """Certificates of Dask's configuration, else new ones for this run only; None where there is no openssl.
+    """Certificates of Dask's configuration, or new ones for this run; None without openssl.
 
-    Whoever can speak with a scheduler or a worker can have it run anything, other users of this machine included.
+    Anyone who can connect to a scheduler or a worker can run any code there, other users of this machine included.
     """
     from distributed.security import Security
 
-    named: Any = Security(require_encryption=True)
-    if named.tls_ca_file:
-        return named
+    security: Any = Security(require_encryption=True)
+    if security.tls_ca_file:
+        return security
     if shutil.which("openssl") is None:
         return None
-    own = Path(
+    temporary = Path(
         stack.enter_context(tempfile.TemporaryDirectory(prefix=".cluster-", dir=Path(folder).absolute()))
     )
-    key, certificate = str(own / "key.pem"), str(own / "certificate.pem")
+    key, certificate = str(temporary / "key.pem"), str(temporary / "certificate.pem")
     words = "req -x509 -newkey rsa:2048 -nodes -batch -days 365 -subj /CN=dask-internal -keyout".split()
     subprocess.run(
         ["openssl", *words, key, "-out", certificate],
@@ -282,12 +282,12 @@ def _security(stack, folder) -> Any:
 
 
 def _check_scheduler(client):
-    """That the scheduler speaks as we do."""
+    """Check that the scheduler has this Python's version of distributed."""
     import distributed
 
     its = client.get_versions()["scheduler"]["packages"]["distributed"]
     if its != distributed.__version__:
         raise InvalidInput(
-            f"The Dask scheduler has distributed {its}, this Python {distributed.__version__}: "
-            "install the same everywhere."
+            f"The Dask scheduler has distributed {its}, this Python {distributed.__version__}. "
+            "Install the same everywhere."
         )

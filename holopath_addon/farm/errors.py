@@ -1,11 +1,11 @@
-"""What goes wrong between processes that share work."""
+"""Errors of processes that share work."""
 
 from __future__ import annotations
 
 
 class FarmFailed(RuntimeError):
-    """Work that others did has failed; the text is one sentence for the user."""
+    """Raised where work of other processes has failed; the text is for the user."""
 
 
 class WorkerDied(RuntimeError):
-    """The process that made a unit is gone, and says nothing more; another one may make it."""
+    """Raised where the process of a unit has ended without an answer; another one may make the unit."""

@@ -1,4 +1,4 @@
-"""What a folder's work is asked to be, on disk beside it: whoever joins in finds the same, or is refused."""
+"""The job of a folder, in a file there: processes with another job are refused."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from .claims import FOLDER, Claims
 NAME = "job.json"
 FORMAT = "HoloPath job"
 FORMAT_VERSION = 1
-_DOOR = ".job"  # claim of whoever reads and writes the file
-_PHASES = "phases "  # begins the tag of who makes them
+_FILE_CLAIM = ".job"  # of the process that reads and writes the file
+_PHASES = "phases "  # prefix of tags of jobs that encode phases
 
 
 @dataclass(frozen=True)
 class SharedJob:
-    """All that decides the results in a folder.
+    """A job: every input that affects the results in a folder.
 
     Attributes
     ----------
     scene : str
-        File name of a .blend, which is among the files, or ``demo:NAME``.
+        Name of a .blend among the files, or ``demo:NAME``.
     words : dict
-        JSON-able: what was asked for, but for what leaves results as they are.
+        Options of the command that affect the results, as JSON.
     files : dict of str to str
-        SHA-256 of each file that the scene is made of, by its name there; empty of a file that is not there.
+        SHA-256 of each file of the scene, by its name there; empty for a missing file.
     versions : dict of str to str
-        Of the programs.
+        Versions of programs.
     unfinished : frozenset of str
-        Names of units that were begun and are not known to be done. They decide nothing.
+        Names of units that were started and may not be done. They do not affect results.
     """
 
     scene: str
@@ -48,42 +48,42 @@ class SharedJob:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that decides the results."""
-        decides = [self.scene, self.words, self.files, self.versions]
-        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+        """SHA-256 of every input that affects the results."""
+        inputs = [self.scene, self.words, self.files, self.versions]
+        return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
     @property
     def tag(self) -> str:
-        """What its claims say that a process works for, see `claims.Claims`."""
+        """Tag of the job's claims, see `claims.Claims`."""
         return self.digest
 
     @contextmanager
     def join(self, folder: Path | str, names: Iterable[str] = ()) -> Iterator[None]:
-        """Work on this job in a folder while the block runs, and nobody on another one.
+        """Work on this job in a folder within the block, and prevent work on other jobs there.
 
         Parameters
         ----------
         folder : path
-            Made if it does not exist; gone again where the block fails before anything is in it.
+            Created if it does not exist; removed if the block fails while it is empty.
         names : iterable of str
-            Units that are done when the block ends well.
+            Units that are done when the block ends without an error.
 
         Raises
         ------
         InvalidInput
-            If others work there on another job, or what was begun there needs other versions or files.
+            If others work there on another job, or unfinished work there needs other versions or files.
         OSError
         """
         folder, names = Path(folder), frozenset(names)
-        with _entered(folder) as door, ExitStack() as inside:
-            with door.wait(_DOOR):
+        with _enter(folder) as door, ExitStack() as inside:
+            with door.wait(_FILE_CLAIM):
                 files.sweep(folder / NAME)
-                begun = job_of(folder)
-                if begun is None or begun != self:  # else all who work here were let in by this very job
-                    self._check(folder, begun, self._others(door))
+                earlier = job_of(folder)
+                if earlier is None or earlier != self:  # otherwise all processes here have this job
+                    self._check(folder, earlier, self._others(door))
                     self._write(folder, names)
-                elif not names <= begun.unfinished:
-                    self._write(folder, names | begun.unfinished)
+                elif not names <= earlier.unfinished:
+                    self._write(folder, names | earlier.unfinished)
                 inside.enter_context(Claims(folder, self.tag))
             try:
                 yield
@@ -92,105 +92,105 @@ class SharedJob:
                     if set(os.listdir(folder)) <= {NAME, FOLDER}:
                         (folder / NAME).unlink()
                 raise
-            if (
-                job_of(folder) or self
-            ).unfinished & names:  # of all that end at once the first one strikes them out
-                with door.wait(_DOOR):
+            # of processes that end at once, the first one removes them
+            if (job_of(folder) or self).unfinished & names:
+                with door.wait(_FILE_CLAIM):
                     self._write(folder, (job_of(folder) or self).unfinished - names)
 
     def _others(self, door):
-        """Claims of who works for another job."""
+        """Claims of processes with other jobs."""
         return {name: claim for name, claim in door.holders().items() if claim.tag not in ("", self.tag)}
 
-    def _check(self, folder, begun, others):
-        if begun is not None:
-            self._check_programs_and_files(folder, begun, bool(others or begun.unfinished))
+    def _check(self, folder, earlier, others):
+        if earlier is not None:
+            self._check_programs_and_files(folder, earlier, bool(others or earlier.unfinished))
         if others:
             if all(claim.tag.startswith(_PHASES) for claim in others.values()):
-                done = f"is being encoded by {_told(others)}"
+                activity = f"is being encoded by {_describe(others)}"
             else:
-                what = "other settings" if begun and self._same_scene(begun) else "another scene"
-                done = f"is being rendered by {_told(others, what)}"
-            raise InvalidInput(f"{folder} {done}: wait, or choose another folder.")
+                difference = "other settings" if earlier and self._same_scene(earlier) else "another scene"
+                activity = f"is being rendered by {_describe(others, difference)}"
+            raise InvalidInput(f"{folder} {activity}. Wait, or choose another folder.")
 
-    def _check_programs_and_files(self, folder, begun, unfinished):
-        """Results of the same words come from the same programs and files."""
-        goes_on = unfinished and begun.words == self.words and begun.scene == self.scene
-        for name in sorted(begun.versions.keys() | self.versions.keys()) if goes_on else ():
-            there, here = begun.versions.get(name), self.versions.get(name)
+    def _check_programs_and_files(self, folder, earlier, unfinished):
+        """Refuse to mix results of the same words from different programs or files."""
+        goes_on = unfinished and earlier.words == self.words and earlier.scene == self.scene
+        for name in sorted(earlier.versions.keys() | self.versions.keys()) if goes_on else ():
+            there, here = earlier.versions.get(name), self.versions.get(name)
             if there != here:
                 raise InvalidInput(
-                    f"{folder} was begun with {name} {there}, and {processes.host()} has {here}: go on with the same "
+                    f"{folder} was started with {name} {there}, but {processes.host()} has {here}. Use the same "
                     "version, or choose another folder."
                 )
-        if not self._same_scene(begun):
-            return  # saved anew: what is stale is made anew
-        for name in sorted(begun.files.keys() | self.files.keys()):
-            there, here = begun.files.get(name), self.files.get(name)
+        if not self._same_scene(earlier):
+            return  # the scene was saved again: stale results are replaced
+        for name in sorted(earlier.files.keys() | self.files.keys()):
+            there, here = earlier.files.get(name), self.files.get(name)
             if there and not here:
                 raise InvalidInput(
-                    f"{folder} was begun with the file {name}, which is missing on {processes.host()}: copy it there, "
-                    "or choose another folder."
+                    f"{folder} was started with the file {name}, which is missing on {processes.host()}. Copy it "
+                    "there, or choose another folder."
                 )
             if goes_on and there != here:
                 raise InvalidInput(
-                    f"{folder} was begun with another file {name} than {processes.host()} has: make them the same, or "
-                    "choose another folder."
+                    f"{folder} was started with another file {name} than that of {processes.host()}. Use the same "
+                    "file, or choose another folder."
                 )
 
     def _same_scene(self, other):
         return other.scene == self.scene and other.files.get(self.scene) == self.files.get(self.scene)
 
     def _write(self, folder, unfinished):
-        told = {"format": FORMAT, "format_version": FORMAT_VERSION, "digest": self.digest, **asdict(self)}
-        told["unfinished"] = sorted(unfinished)
+        data = {"format": FORMAT, "format_version": FORMAT_VERSION, "digest": self.digest, **asdict(self)}
+        data["unfinished"] = sorted(unfinished)
         with files.whole_file(folder / NAME) as part:
-            part.write_text(json.dumps(told, indent=1) + "\n")
+            part.write_text(json.dumps(data, indent=1) + "\n")
 
 
 class EncodingJob(SharedJob):
-    """All that decides the phases of frames that are there.
+    """A job that encodes phases of existing frames.
 
-    It keeps no record in the folder, as each frame's phases tell of which job they are. Frames may be rendered
-    meanwhile: of each frame the one waits for the other.
+    It has no file in the folder, as each frame's phases name their job. Frames may be rendered at the same time: the
+    claim of a frame is for both.
     """
 
     @property
     def tag(self) -> str:
+        """Tag of the job's claims, see `SharedJob.tag`."""
         return f"{_PHASES}{self.digest}"
 
     @contextmanager
     def join(self, folder: Path | str, names: Iterable[str] = ()) -> Iterator[None]:
-        """Work on this job in a folder while the block runs, and nobody on other phases; see `SharedJob.join`."""
-        with _entered(Path(folder)) as door, ExitStack() as inside:
-            with door.wait(_DOOR):
+        """Work on this job within the block, and prevent work on other phases; see `SharedJob.join`."""
+        with _enter(Path(folder)) as door, ExitStack() as inside:
+            with door.wait(_FILE_CLAIM):
                 others = {n: c for n, c in self._others(door).items() if c.tag.startswith(_PHASES)}
                 if others:
                     raise InvalidInput(
-                        f"{folder} is being encoded by {_told(others)} with other words, files or versions: wait, or "
-                        "give the same."
+                        f"{folder} is being encoded by {_describe(others)} with other options, files or versions. "
+                        "Wait, or give the same."
                     )
                 inside.enter_context(Claims(folder, self.tag))
             yield
 
 
-def _told(claims, what=""):
-    """Who works, with what, and on which units."""
+def _describe(claims, difference=""):
+    """Hosts of claims, the difference of their job, and their units, for messages."""
     hosts = " and ".join(sorted({claim.host for claim in claims.values()}))
     names = ", ".join(name for name in claims if name[0] != ".")
-    return f"{hosts}{what and f' with {what}'}{names and f' ({names})'}"
+    return f"{hosts}{difference and f' with {difference}'}{names and f' ({names})'}"
 
 
 @contextmanager
-def _entered(folder):
-    """Claims for no job yet, in a folder that is made; it goes again if it is empty at the end."""
+def _enter(folder):
+    """Claims without a job in a folder, which is created, and removed if it is empty in the end."""
     try:
         with ExitStack() as inside:
             try:
                 claims = inside.enter_context(Claims(folder, ""))
             except OSError as error:
                 raise InvalidInput(
-                    f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
+                    f"The output folder {folder} cannot be created ({error.strerror}). Choose another one."
                 ) from error
             yield claims
     finally:
@@ -199,7 +199,7 @@ def _entered(folder):
 
 
 def job_of(folder: Path) -> SharedJob | None:
-    """The job that a folder's work belongs to; None where there is none.
+    """Read the job of a folder; None without one.
 
     Raises
     ------
@@ -208,34 +208,34 @@ def job_of(folder: Path) -> SharedJob | None:
     """
     file = folder / NAME
     try:
-        told = json.loads(file.read_text())
-        if told["format"] != FORMAT:
+        data = json.loads(file.read_text())
+        if data["format"] != FORMAT:
             raise ValueError
-        parts = {name: dict(told[name]) for name in ("words", "files", "versions")}
-        return SharedJob(str(told["scene"]), **parts, unfinished=frozenset(told["unfinished"]))
+        parts = {name: dict(data[name]) for name in ("words", "files", "versions")}
+        return SharedJob(str(data["scene"]), **parts, unfinished=frozenset(data["unfinished"]))
     except FileNotFoundError:
         return None
     except (ValueError, TypeError, KeyError) as error:
-        raise InvalidInput(f"{file} is not HoloPath's: choose another folder.") from error
+        raise InvalidInput(f"{file} is not HoloPath's. Choose another folder.") from error
 
 
 def digests(paths: dict[str, Path]) -> dict[str, str]:
-    """SHA-256 of files by their names, as `SharedJob` takes them.
+    """SHA-256 of files by name, for `SharedJob`; empty for missing files.
 
     Raises
     ------
     InvalidInput
-        If one that is there cannot be read.
+        If an existing file cannot be read.
     """
-    found = {}
+    hashes = {}
     for name, path in sorted(paths.items()):
         try:
             with open(path, "rb") as stream:
-                found[name] = hashlib.file_digest(stream, "sha256").hexdigest()
+                hashes[name] = hashlib.file_digest(stream, "sha256").hexdigest()
         except FileNotFoundError:
-            found[name] = ""
+            hashes[name] = ""
         except OSError as error:
             raise InvalidInput(
-                f"The file {path} cannot be read ({error.strerror}): the scene is made of it."
+                f"The file {path} of the scene cannot be read ({error.strerror}). Make it readable."
             ) from error
-    return found
+    return hashes

@@ -1,4 +1,4 @@
-"""Processes: which one is meant, on which machine, whether it still runs, and when it may be interrupted."""
+"""Identity of processes, whether they still run, and delayed interrupts."""
 
 from __future__ import annotations
 
@@ -14,73 +14,73 @@ from functools import cache
 from pathlib import Path
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-# Of Windows, for `_started_on_windows`.
+# Windows constants for `_start_time_on_windows`.
 _QUERY_LIMITED_INFORMATION = 0x1000
 _STILL_ACTIVE = 259
 
 
 def host() -> str:
-    """This machine's name, for people."""
+    """Name of this machine, for messages."""
     return socket.gethostname()
 
 
 @cache
 def place() -> str:
-    """Where a process's number means this very process: the machine since it was started, and, in a container, that."""
+    """The scope in which process numbers are unique: this boot of the machine, and the container."""
     if sys.platform != "linux":
         return host()
     boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return f"{host()} {boot} {os.stat('/proc/self/ns/pid').st_ino}"
 
 
-def started(pid: int) -> str:
-    """When a process of this place was started, in the system's own terms; empty if it does not run.
+def start_time(pid: int) -> str:
+    """Start time of a process of this place in the system's own form; empty if it does not run.
 
-    Numbers of processes are given again, so that the number alone does not tell a process.
+    Process numbers are reused, so a process is identified by number and start time.
     """
     if sys.platform == "linux":
-        return _started_on_linux(pid)
+        return _start_time_on_linux(pid)
     if sys.platform == "win32":
-        return _started_on_windows(pid)
+        return _start_time_on_windows(pid)
     words = ["ps", "-o", "state=,lstart=", "-p", str(pid)]
-    told = subprocess.run(words, capture_output=True, text=True, check=False).stdout.split()
-    return " ".join(told[1:]) if told and told[0][0] != "Z" else ""
+    output = subprocess.run(words, capture_output=True, text=True, check=False).stdout.split()
+    return " ".join(output[1:]) if output and output[0][0] != "Z" else ""
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C and SIGTERM wait for the end of the block.
+    """Delay Ctrl-C and SIGTERM until the end of the block.
 
-    bpy and Mitsuba crash where it tears their import, and nobody would know of a file that was made just then.
+    An interrupt during import makes bpy and Mitsuba crash, and one after a file's creation would lose track of it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    arrived: list[int] = []
-    before = {number: signal.signal(number, lambda got, _: arrived.append(got)) for number in INTERRUPTS}
+    arrivals: list[int] = []
+    handlers = {number: signal.signal(number, lambda got, _: arrivals.append(got)) for number in INTERRUPTS}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler or signal.SIG_DFL)
-        if arrived:
-            signal.raise_signal(arrived[0])  # to whom it was for, which may be a block around this one
+        if arrivals:
+            signal.raise_signal(arrivals[0])  # to the previous handler, which may be that of an outer block
 
 
-def _started_on_linux(pid):
+def _start_time_on_linux(pid):
     try:
-        told = Path(f"/proc/{pid}/stat").read_text()
+        text = Path(f"/proc/{pid}/stat").read_text()
     except OSError:
         return ""
-    fields = told.rpartition(")")[2].split()  # the name in front may hold anything
+    fields = text.rpartition(")")[2].split()  # the name before may contain anything
     return "" if fields[0] in "ZX" else fields[19]  # proc_pid_stat(5): state, starttime
 
 
-def _started_on_windows(pid):
+def _start_time_on_windows(pid):
     import ctypes
     from ctypes import wintypes
 
-    # pyrefly: ignore[missing-attribute]  # of Windows alone
+    # pyrefly: ignore[missing-attribute]  # only on Windows
     kernel = ctypes.WinDLL("kernel32", use_last_error=True)
     kernel.OpenProcess.restype = wintypes.HANDLE
     kernel.CloseHandle.argtypes = [wintypes.HANDLE]
@@ -91,9 +91,9 @@ def _started_on_windows(pid):
         return ""
     try:
         code, times = wintypes.DWORD(), [wintypes.FILETIME() for _ in range(4)]
-        known = kernel.GetExitCodeProcess(process, ctypes.byref(code))
-        known = known and kernel.GetProcessTimes(process, *map(ctypes.byref, times))
-        begun = times[0].dwHighDateTime << 32 | times[0].dwLowDateTime
-        return str(begun) if known and code.value == _STILL_ACTIVE else ""
+        success = kernel.GetExitCodeProcess(process, ctypes.byref(code))
+        success = success and kernel.GetProcessTimes(process, *map(ctypes.byref, times))
+        start = times[0].dwHighDateTime << 32 | times[0].dwLowDateTime
+        return str(start) if success and code.value == _STILL_ACTIVE else ""
     finally:
         kernel.CloseHandle(process)

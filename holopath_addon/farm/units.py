@@ -1,4 +1,4 @@
-"""A job as pieces of work. The folder that they are made in is the truth: it tells what is done, whoever did it."""
+"""Units of work of a job. Their results in the job's folder decide what is done, whoever did it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from ..engine.progress import Progress
 
 @dataclass(frozen=True)
 class Unit:
-    """A piece of work whose result on disk appears whole or not at all; to make it twice does no harm.
+    """A unit of work, whose result on disk appears complete or not at all; making it twice is harmless.
 
     Attributes
     ----------
     name : str
-        Unique in its folder, and fit to be a file's name.
+        Unique in its folder, and valid as a file name.
     make : callable
-        ``make(progress)`` has the result there; called by one process at a time, which holds the unit's claim.
+        ``make(progress)`` makes the result; only the process that holds the unit's claim calls it.
     done : callable
-        ``done()`` tells in no time whether the result is there, as this job asks for it.
+        ``done()`` quickly returns whether the result of this job is there.
     needs : tuple of str
-        Names of units that have to be done before.
+        Names of units to be done before.
     prepares : bool
-        Whether it only makes ready for those that were asked for, and is not counted among them.
+        Whether it only prepares requested units, and is not counted among them.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Unit:
     prepares: bool = False
 
 
-def counted(units: Iterable[Unit]) -> set[str]:
-    """Names of those whose number tells how far all is: but for what prepares, unless there is nothing else."""
+def progress_units(units: Iterable[Unit]) -> set[str]:
+    """Names of the units that count for progress: those that do not prepare, unless there are no others."""
     units = list(units)
     return {unit.name for unit in units if not unit.prepares} or {unit.name for unit in units}

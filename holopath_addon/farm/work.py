@@ -1,4 +1,4 @@
-"""To make what nobody else makes, until all is there."""
+"""Making of units that no other process makes, until all are done."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ from ..engine import InvalidInput, files
 from ..engine.progress import Progress, stage
 from .claims import Claims
 from .job import SharedJob
-from .units import Unit, counted
+from .units import Unit, progress_units
 
-POLL = 1.0  # seconds from one look at what others make to the next
-HURRY = 0.1  # at most where another process was quicker to take what was free; longer, where it is again and again
-CROWD = 300  # claims, of about a hundred processes; with more of them each looks less often
+POLL = 1.0  # seconds between looks at the units of other processes
+RETRY = (
+    0.1  # first maximum of seconds after another process was faster to claim a unit; it doubles up to `POLL`
+)
+CROWD = 300  # claims, of about a hundred processes; with more of them each process looks less often
 
 
 @dataclass(frozen=True)
 class Work:
-    """What some words ask for, in pieces; what it needs to make them, as an open scene, it holds.
+    """The units of a command.
 
     Attributes
     ----------
     folder : pathlib.Path
-        Of the results.
+        Folder of the results.
     job : SharedJob
-        To be joined before a unit is made.
+        The job to join before making a unit.
     units : dict of str to Unit
-        By name.
+        Units by name. They hold what they need, such as an open scene.
     made : list of str
-        Names of units that were not there when they were asked for; it grows.
+        Names of units that this process has made so far.
     """
 
     folder: Path
@@ -45,119 +47,119 @@ class Work:
 def work_off(
     folder: Path | str, units: Iterable[Unit], tag: str, progress: Progress, say: Callable[[str], None]
 ) -> None:
-    """Have units made: those that no other process makes by this one, in order.
+    """Make units in order, except those that other processes make, until all are done.
 
     Parameters
     ----------
     folder : path
-        Which there is, of the units' results: what appears at a unit's name while this runs is its result.
+        Existing folder of the results; a result has its unit's name.
     units : iterable of Unit
-        What they need is among them, or done.
+        The units that they need must be among them, or done.
     tag : str
-        Of the job that they are of, see `SharedJob.tag`.
+        Tag of the job, see `SharedJob.tag`.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     say : callable
-        ``say(text)`` of what was there before, and what is waited for.
+        ``say(text)`` reports units that were already done.
 
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
-        What a unit's making raises; its claim is given back.
+        Errors of making a unit; its claim is released.
     """
     folder, todo = Path(folder), {unit.name: unit for unit in units}
-    names, of, found = set(todo), counted(todo.values()), "done before, skipped"
+    names, counted, reason = set(todo), progress_units(todo.values()), "done before, skipped"
 
     def done_without(*others):
-        return 1 - len((todo.keys() & of) - set(others)) / max(1, len(of))
+        return 1 - len((todo.keys() & counted) - set(others)) / max(1, len(counted))
 
-    hurry, needed = HURRY, {name for unit in todo.values() for name in unit.needs}
+    retry, needs = RETRY, {name for unit in todo.values() for name in unit.needs}
     with Claims(folder, tag) as claims:
         earlier = {*os.listdir(folder), *files.unfinished(folder)}
         while todo:
-            before, claimed, refused = len(todo), claims.names(), False
-            # All who work here do so on this job. What others need is looked into all the same.
-            results = set(os.listdir(folder)) - earlier - needed
-            for unit in in_turn(todo.values(), set(claimed)):
+            before, claim_names, is_late = len(todo), claims.names(), False
+            # All processes here have this job, so new results are right. Those that other units need are checked.
+            results = set(os.listdir(folder)) - earlier - needs
+            for unit in in_turn(todo.values(), set(claim_names)):
                 if not todo.keys().isdisjoint(unit.needs):
                     continue
-                if unit.name in claimed:
+                if unit.name in claim_names:
                     if claims.alive(unit.name):
                         continue
                 elif unit.name in results or unit.done():
                     if not unit.prepares:
-                        say(f"{unit.name}: {found}")
+                        say(f"{unit.name}: {reason}")
                     del todo[unit.name]
                     continue
                 at = stage(progress, done_without(), done_without(unit.name))
-                if _made(folder, unit, claims, at):
+                if _make(folder, unit, claims, at):
                     del todo[unit.name]
-                    break  # it took its time: who holds what is looked up anew
-                if unit.name not in claimed:
-                    refused = True
+                    break  # that took time: list the claims again
+                if unit.name not in claim_names:
+                    is_late = True
                     break
-            if refused:
-                time.sleep(random.uniform(0.0, hurry))
-                hurry = min(2 * hurry, POLL)
+            if is_late:
+                time.sleep(random.uniform(0.0, retry))
+                retry = min(2 * retry, POLL)
                 continue
-            hurry = HURRY
+            retry = RETRY
             if todo and len(todo) == before:
-                found = "done by another process"
-                _wait(pause(len(claimed)), progress, done_without(), next(iter(todo)))
+                reason = "done by another process"
+                _wait(pause(len(claim_names)), progress, done_without(), next(iter(todo)))
         for name in files.unfinished(folder) & names:
-            with claims.claim(name) as held:
-                if held:
+            with claims.claim(name) as is_mine:
+                if is_mine:
                     files.sweep(folder / name)
 
 
-def in_turn(units: Iterable[Unit], claimed: set[str]) -> list[Unit]:
-    """Units in the order in which to try them: the first ones first, but in a crowd each process begins elsewhere.
+def in_turn(units: Iterable[Unit], claim_names: set[str]) -> list[Unit]:
+    """Order units for attempts: in their order, but with a random start among many processes.
 
     Parameters
     ----------
     units : iterable of Unit
-    claimed : set of str
-        Names of those that others may be making: they come last.
+    claim_names : set of str
+        Names of units that others may be making, which come last.
 
     Returns
     -------
     list of Unit
     """
-    free = [unit for unit in units if unit.name not in claimed]
-    others = [unit for unit in units if unit.name in claimed]
+    free = [unit for unit in units if unit.name not in claim_names]
+    others = [unit for unit in units if unit.name in claim_names]
     first = free[: 1 + 2 * len(others)]
     return [*random.sample(first, len(first)), *free[len(first) :], *others]
 
 
 def pause(claims: int) -> float:
-    """Seconds from one look at a folder with so many claims to the next.
+    """Seconds between looks at a folder with a number of claims.
 
-    A hundred looks a second in all are the most, however many processes there are, and not all at one time.
+    All processes together look at most a hundred times a second, at random times.
     """
     return POLL * max(1.0, claims / CROWD) * random.uniform(0.75, 1.25)
 
 
 def _wait(seconds, progress, done, name):
     end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
-        progress(done, f"Waiting for {name}, made by another process")  # which may cancel
-        time.sleep(min(left, POLL))
+    while (seconds := end - time.monotonic()) > 0:
+        progress(done, f"Waiting for {name}, made by another process")  # may raise Cancelled
+        time.sleep(min(seconds, POLL))
 
 
-def _made(folder, unit, claims, progress):
-    """Whether a unit is done now; not if another process makes it."""
-    with claims.claim(unit.name) as held:
-        if not held:
+def _make(folder, unit, claims, progress):
+    """Make a unit; False if another process makes it."""
+    with claims.claim(unit.name) as is_mine:
+        if not is_mine:
             return False
         files.sweep(folder / unit.name)
         if not unit.done():
             try:
                 unit.make(progress)
             except BaseException as error:
-                lost = claims.lost(unit.name)
-                if not lost:
+                is_lost = claims.is_lost(unit.name)
+                if not is_lost:
                     files.sweep(folder / unit.name)
                 elif isinstance(error, (OSError, InvalidInput)):
-                    return False  # taken for gone, this process had what it was writing swept away
+                    return False  # another process took this one for dead and removed its files
                 raise
         return True

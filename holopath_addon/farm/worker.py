@@ -1,10 +1,10 @@
-"""A process that makes units as it is told, and whoever tells it. Both speak lines of JSON.
+"""A child process that makes units, and its parent's side. They exchange lines of JSON.
 
-Blender and Mitsuba want a process's main thread, keep it for minutes and may bring the process down, so none of it
-happens in the process that speaks with a cluster. That one writes tasks to the child's standard input, as ``{"words":
-[...], "folder": ..., "unit": ..., "mark": ...}``, or ``{"cancel": true}``. The child answers on its standard output how
-far it is, and last for each unit what became of it. A task without a unit is only made ready for, which has no answer.
-The end of its standard input ends it at once.
+Blender and Mitsuba need a process's main thread, block it for minutes and may crash the process, so they do not run in
+the process that talks to a cluster. That parent writes tasks to the child's standard input, as ``{"words": [...],
+"folder": ..., "unit": ..., "mark": ...}``, or ``{"cancel": true}``. The child writes its progress to its standard
+output, and last the outcome of each unit. A task without a unit only opens the job, and has no answer. The end of its
+standard input ends the child at once.
 """
 
 from __future__ import annotations
@@ -28,51 +28,53 @@ from .errors import WorkerDied
 
 Make = Callable[[str, Progress], None]  # ``make(name, progress)`` of a unit of a job
 
-IDLE = 60.0  # seconds without a task, after which a child ends: Blender holds memory that others may need
-SEEN = 60.0  # seconds after which any network file system shows a file that another machine has made
-OFTEN = 0.5  # seconds between two lines of progress
+IDLE_TIMEOUT = 60.0  # seconds without a task, after which a child ends to free Blender's memory
+VISIBLE_TIMEOUT = 60.0  # seconds within which any network file system shows a file of another machine
+PROGRESS_INTERVAL = 0.5  # seconds
 
 
 def serve(open_job: Callable[[list[str], Callable[[str], None]], Make]) -> None:
-    """Make the units that standard input names, until it ends.
+    """Make the units of tasks on standard input, until it ends.
 
     Parameters
     ----------
     open_job : callable
-        ``open_job(words, say)`` of a command's words, and ``say(text)`` of what is to be known; what it returns is kept
-        for as long as the words stay the same.
+        ``open_job(words, say)`` opens the job of a command's words, with ``say(text)`` for notes, and returns a
+        function to make its units, which serves all tasks with the same words.
     """
     answer = _take_standard_output()
     tasks: queue.SimpleQueue = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks,), name="holopath listen", daemon=True).start()
-    asked, make = None, None
+    current, make = None, None
     while True:
         try:
-            task, cancelled = tasks.get(timeout=IDLE)
+            task, canceled = tasks.get(timeout=IDLE_TIMEOUT)
         except queue.Empty:
             return
         try:
-            progress = _progress(answer, cancelled)
+            progress = _progress(answer, canceled)
             _check_shared(task["mark"], progress)
-            if asked != (task["folder"], task["words"]):
-                asked, make = None, None  # the scene before goes before the next one comes
+            if current != (task["folder"], task["words"]):
+                current, make = None, None  # free the previous scene before opening the next one
                 _enter(task["folder"])
                 make = open_job(task["words"], lambda text: answer(say=text))
-                asked = (task["folder"], task["words"])
+                current = (task["folder"], task["words"])
             assert make is not None
             if "unit" in task:
                 make(task["unit"], progress)
                 answer(done=True)
         except (Exception, KeyboardInterrupt) as error:
-            stopped = failures.cancelled(error)
-            if "unit" in task:  # else the first unit fails alike
-                answer(failure=failures.sentence(error), status=failures.status(error), cancelled=stopped)
-            if stopped and not cancelled.is_set():
-                return  # by a signal: the batch system ends this process
+            is_cancellation = failures.cancelled(error)
+            if "unit" in task:  # otherwise the first unit fails with the same error
+                answer(
+                    failure=failures.sentence(error), status=failures.status(error), canceled=is_cancellation
+                )
+            if is_cancellation and not canceled.is_set():
+                return  # a signal: the batch system ends this process
 
 
 def _take_standard_output():
-    """``answer(**entries)`` writes a line there; what Blender and others print goes to standard error instead."""
+    """Make ``answer(**entries)``, which writes a line to standard output; prints go to standard error instead."""
     sys.stdout.flush()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
@@ -85,71 +87,71 @@ def _take_standard_output():
 
 
 def _listen(tasks):
-    """Tasks from standard input, each with the event of its cancellation; ends the process with it."""
-    cancelled = threading.Event()
+    """Read tasks from standard input, each with the event of its cancellation; end the process with it."""
+    canceled = threading.Event()
     with open(0, "rb", closefd=False) as lines:
         for line in lines:
             task = json.loads(line)
             if "cancel" in task:
-                cancelled.set()
+                canceled.set()
             else:
-                cancelled = threading.Event()
-                tasks.put((task, cancelled))
-    os._exit(0)  # in the middle of a kernel, too: nobody waits for the result
+                canceled = threading.Event()
+                tasks.put((task, canceled))
+    os._exit(0)  # even during a kernel, as nobody waits for the result
 
 
 def _enter(folder):
-    """Words name files as seen from the folder where they were said."""
+    """Change to the folder of the command, as its words may have relative paths."""
     try:
         os.chdir(folder)
     except OSError as error:
         raise InvalidInput(
-            f"There is no folder {folder} on this machine ({error.strerror}): start from a folder that all machines "
-            "see under one name."
+            f"The folder {folder} does not exist on this machine ({error.strerror}). Start from a folder with the same "
+            "path on all machines."
         ) from error
 
 
 def _check_shared(mark, progress):
-    """That this machine sees the folder of those that it works with, by a file of theirs."""
+    """Check that this machine sees the parent's folder, by a file there."""
     wait_until(lambda: os.path.exists(mark), Path(mark).parents[1], progress)
 
 
-def wait_until(seen: Callable[[], bool], folder: Path, progress: Progress) -> None:
-    """Wait for what another machine has made in a folder of the results, as long as file systems take to show it.
+def wait_until(is_visible: Callable[[], bool], folder: Path, progress: Progress) -> None:
+    """Wait until a file of another machine is visible in the folder of the results.
 
     Parameters
     ----------
-    seen : callable
-        ``seen()`` tells whether it is there.
+    is_visible : callable
+        ``is_visible()`` returns whether it is.
     folder : path
-        Which, for the message.
+        The folder, for the message.
     progress : callable
         ``progress(done, message)``, may raise `Cancelled`.
 
     Raises
     ------
     InvalidInput
-        If it does not show.
+        If the file is not visible after `VISIBLE_TIMEOUT`.
     """
-    end = time.monotonic() + SEEN
-    while not seen():
+    end = time.monotonic() + VISIBLE_TIMEOUT
+    while not is_visible():
         if time.monotonic() > end:
             raise InvalidInput(
-                f"{socket.gethostname()} does not see the folder of the results: {folder} must be one that all "
-                "machines share, under the same name."
+                f"{socket.gethostname()} does not see the results in {folder}. Choose a folder that all machines "
+                "share, under the same path."
             )
         progress(0.0, "Waiting for the folder")
-        time.sleep(OFTEN)
+        time.sleep(PROGRESS_INTERVAL)
 
 
-def _progress(answer, cancelled):
-    last = -OFTEN
+def _progress(answer, canceled):
+    last = -PROGRESS_INTERVAL
 
     def progress(done, message):
         nonlocal last
-        if cancelled.is_set():
+        if canceled.is_set():
             raise Cancelled
-        if time.monotonic() - last >= OFTEN:
+        if time.monotonic() - last >= PROGRESS_INTERVAL:
             last = time.monotonic()
             answer(progress=min(max(float(done), 0.0), 1.0), message=message)
 
@@ -157,20 +159,20 @@ def _progress(answer, cancelled):
 
 
 class Child:
-    """Such a process, as its parent has it.
+    """A child process, see `serve`, as its parent uses it.
 
     Parameters
     ----------
     command : list of str
-        That starts it.
+        Command that starts the child.
     threads : int
-        With which it may compute.
+        Maximum number of threads.
     """
 
     def __init__(self, command: list[str], threads: int) -> None:
         bounds = ("HOLOPATH_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
         environment = {**os.environ, **dict.fromkeys(bounds, str(threads))}
-        # Dask has its workers give back memory at once. For our large arrays that is a third more time.
+        # Dask makes its workers free memory at once, which costs large arrays a third more time.
         environment.pop("MALLOC_TRIM_THRESHOLD_", None)
         self._task = None
         self._lock = threading.Lock()
@@ -181,38 +183,38 @@ class Child:
             env=environment,
             text=True,
             encoding="utf-8",
-            start_new_session=True,  # Ctrl-C in a terminal is for who started it all, and arrives as a line
+            start_new_session=True,  # Ctrl-C in a terminal is for the client, and arrives as a line
         )
 
     @property
     def alive(self) -> bool:
-        """Whether it takes tasks."""
+        """Whether the child runs."""
         return self._process.poll() is None
 
     @property
     def task(self) -> dict | None:
-        """What it does now."""
+        """The current task."""
         return self._task
 
-    def ready(self, task: dict) -> None:
-        """Have it open a job, by `words`, `folder` and `mark`, ahead of a unit."""
+    def prepare(self, task: dict) -> None:
+        """Open a job, by `words`, `folder` and `mark`, ahead of a unit."""
         with suppress(OSError):
             self._write(task)
 
-    def work(self, task: dict, told: Callable[[dict], None]) -> dict:
-        """Have it make a unit.
+    def work(self, task: dict, on_line: Callable[[dict], None]) -> dict:
+        """Make a unit.
 
         Parameters
         ----------
         task : dict
-            Its `words`, `folder` and `unit`.
-        told : callable
-            ``told(line)`` of each answer before the last.
+            Its `words`, `folder`, `unit` and `mark`.
+        on_line : callable
+            ``on_line(line)`` for each answer before the last one.
 
         Returns
         -------
         dict
-            The last answer: ``{"done": true}``, or `failure`, `status` and whether it was `cancelled`.
+            The last answer: ``{"done": true}``, or `failure`, `status` and whether it was `canceled`.
 
         Raises
         ------
@@ -226,8 +228,8 @@ class Child:
                 answer = json.loads(line)
                 if "done" in answer or "failure" in answer:
                     return answer
-                told(answer)
-        except (OSError, ValueError):  # its pipes broke, or its last line did
+                on_line(answer)
+        except (OSError, ValueError):  # broken pipes, or an incomplete last line
             pass
         finally:
             self._task = None
@@ -235,12 +237,12 @@ class Child:
         raise WorkerDied(f"its process ended with {f'signal {-code}' if code < 0 else f'status {code}'}")
 
     def cancel(self) -> None:
-        """Have it stop what it makes, soon; what waits in `work` is answered then."""
+        """Stop the current unit soon; `work` then returns its answer."""
         with suppress(OSError):
             self._write({"cancel": True})
 
     def close(self) -> None:
-        """End it at once."""
+        """End the child at once."""
         self._process.kill()
         self._process.wait()
 

@@ -14,8 +14,17 @@ from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..engine.scene.captured.picture import PictureMesh, picture_mesh
 from ..engine.scene.captured.views import METHODS
-from ..exchange.captures import DEPTHS, PICTURES, UNITS, VIEWS, CaptureOptions, PictureFile, ViewFile, reduced
-from ..export import Exported, unit_scale
+from ..exchange.captures import (
+    DEPTHS,
+    PICTURES,
+    UNITS,
+    VIEWS,
+    CaptureOptions,
+    PictureFile,
+    ViewFile,
+    downsample,
+)
+from ..export import ExportedScene, unit_scale
 from ..export.camera import find_camera, view_of
 from ..export.notes import Note
 from ..export.shading.node_graph import tree_of
@@ -52,7 +61,7 @@ def add_picture(scene, path, options):
     view = view_of(find_camera(scene), picture.size, scale)
     fov = view.fov_x if options.fov is None else np.radians(options.fov)
     hologram = properties.hologram_of(properties.of(scene)).picture
-    _, depth, kept = reduced(picture.image, picture.depth(fov), (hologram.width, hologram.height))
+    _, depth, kept = downsample(picture.image, picture.depth(fov), (hologram.width, hologram.height))
     surface = picture_mesh(depth, 2 * np.arctan(kept[0] * np.tan(fov / 2)))
     uv = 0.5 + (surface.uv - 0.5) * kept
     material = _material(path)
@@ -248,10 +257,10 @@ class ViewReading:
 
         Returns
         -------
-        export.Exported
+        export.ExportedScene
         """
         built = self.file.build(self.size)
-        return Exported(built.scene, built.camera, [Note(**note) for note in built.notes])
+        return ExportedScene(built.scene, built.camera, [Note(**note) for note in built.notes])
 
 
 def view_task(scene, path, options):

@@ -18,7 +18,7 @@ from ..blender.properties.optics import bench_changed
 from ..engine import rendering
 from ..engine.planning.planner import resolved
 from ..engine.scene import variants
-from ..export import ExportCache, Exported, read_scene
+from ..export import ExportCache, ExportedScene, read_scene
 from ..workflow import failures, pipeline
 from ..workflow.request import Origin, Request
 from .jobs import Job
@@ -123,7 +123,7 @@ class SceneReading(Protocol):
         """Of Blender's scene whose settings count."""
         ...
 
-    def build(self) -> Exported:
+    def build(self) -> ExportedScene:
         """Have Mitsuba build its scene; in any thread."""
         ...
 
@@ -144,7 +144,7 @@ class Task:
 
     @cached_property
     def exported(self):
-        """`export.Exported`, with the scene that Mitsuba builds when this is first asked for."""
+        """`export.ExportedScene`, with the scene that Mitsuba builds when this is first asked for."""
         return self.reading.build()
 
     @property

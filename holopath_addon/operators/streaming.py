@@ -217,11 +217,11 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
             raise engine.InvalidInput("There are no focus planes: choose their file, or make one with New.")
         path, number, port = bpy.path.abspath(device.planes), device.plane, (device.port, device.baud)
         planes = slm.FocusPlanes.load(path)
-        planes.calibrated(number, 0)  # there is such a plane
+        planes.with_position(number, 0)  # there is such a plane
 
         def store(job, progress):
             position = devices.controller(*port).position()
-            planes.calibrated(number, position).save(path)
+            planes.with_position(number, position).save(path)
             return number, position
 
         return store
@@ -268,7 +268,7 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
     def work(self, scene):
         device = properties.of(bpy.data.scenes[scene]).device
         planes, number = device_properties.planes_of(device, _phase()), device.plane
-        planes.calibrated(number, 0)  # there is such a plane
+        planes.with_position(number, 0)  # there is such a plane
         distance = planes.planes[number].distance
         if device.driver == "virtual":
             bench = _bench()
@@ -320,7 +320,7 @@ def _mover(device, planes):
     """``move(number, progress)`` for the camera's focus."""
     if device.driver == "virtual":
         bench = _bench()
-        planes.calibrated(device.plane, 0)  # there is such a plane
+        planes.with_position(device.plane, 0)  # there is such a plane
         return lambda number, progress: bench.focus_at(planes.planes[number].distance)
     planes.position(device.plane)
     port = device.port, device.baud

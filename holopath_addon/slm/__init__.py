@@ -1,10 +1,10 @@
 """Spatial light modulators: drivers, calibration, streaming and focus control. Imports no bpy.
 
-A `Sequence` makes pictures of holograms, `stream` shows them on a `Driver`.
+A `Sequence` turns holograms into pictures, and `stream` shows them on a `Driver`.
 """
 
-from .bench import Bench, mis_set
-from .calibrating import PatternWindow, calibrate, calibration_of, nominal, placed
+from .bench import Bench, perturbed_bench
+from .calibrating import PatternWindow, calibrate, calibration_of, nominal_setup, place_in_center
 from .calibration import Calibration, Response
 from .driver import Driver, Info, Picture
 from .drivers.controller import Controller, serial_ports
@@ -16,7 +16,7 @@ from .drivers.serial_device import SerialDriver
 from .drivers.slmsuite_device import SlmsuiteDriver
 from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
-from .fitting import Fitted
+from .fitting import FitResult
 from .focus import FocusPlanes, Plane, run_camera, sweep
 from .packing import PACKINGS, packing_of
 from .sensor import Sensor, read_capture
@@ -34,7 +34,7 @@ __all__ = [
     "DisplayDriver",
     "Driver",
     "FilesDriver",
-    "Fitted",
+    "FitResult",
     "FocusPlanes",
     "Info",
     "Monitor",
@@ -53,11 +53,11 @@ __all__ = [
     "calibration_of",
     "describe",
     "identify",
-    "mis_set",
+    "perturbed_bench",
     "monitors",
-    "nominal",
+    "nominal_setup",
     "packing_of",
-    "placed",
+    "place_in_center",
     "read_capture",
     "run_camera",
     "serial_ports",

@@ -1,4 +1,4 @@
-"""From a display and a camera to a calibration file: patterns are shown, looked at, and fitted."""
+"""Calibration of a display by a camera: show patterns, capture them, and fit a model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.pixels import Pitch, axes
 from ..engine.progress import stage
 from ..engine.waves.display_model import DisplayModel
 from .calibration import Calibration, Response
-from .fitting import Capture, Fitted, Setup, drift, even_knots, fit
+from .fitting import Capture, FitResult, Setup, drift, even_knots, fit
 from .patterns import patterns, references
 from .sensor import Sensor
 
@@ -22,31 +22,28 @@ if TYPE_CHECKING:
 
     from ..engine.progress import Progress
 
-LOOKING = 0.3  # of the progress
-LEAST_EXPLAINED = 0.8  # of the variance of pictures
-POINTS = 33  # of a measured curve, between which lines are drawn
-USUAL = {
-    "falloff": 0.25,
-    "size": 2e-4,
-    "bandwidth": 4e-9,
-    "crosstalk": 0.45,
-}  # the middle of what displays have
-GAIN, BLACK = 0.35, 0.02
+CAPTURE_FRACTION = 0.3  # of the progress
+MIN_EXPLAINED = 0.8  # fraction of the pictures' variance
+CURVE_POINTS = 33  # of a measured response, interpolated linearly
+# The center of the range that displays and cameras have
+TYPICAL = {"falloff": 0.25, "size": 2e-4, "bandwidth": 4e-9, "crosstalk": 0.45}
+TYPICAL_GAIN, TYPICAL_BLACK = 0.35, 0.02
 
 
 @dataclass(frozen=True)
 class PatternWindow:
-    """The part of a device on which patterns are shown, in its middle.
+    """The part of a device, in its center, on which patterns are shown.
 
     Attributes
     ----------
     side : int
-        Pixels.
+        Pixels along each side.
     pitch : float or (float, float)
+        Pixel pitch, meters.
     wavelength : float
-        Metres.
+        Meters.
     bits : int
-        Of a level.
+        Bits of a level.
     """
 
     side: int
@@ -55,15 +52,27 @@ class PatternWindow:
     bits: int = 8
 
 
-def placed(levels: np.ndarray, size: tuple[int, int], bits: int) -> np.ndarray:
-    """Levels in the middle of a device of a width and height.
+def place_in_center(levels: np.ndarray, size: tuple[int, int], bits: int) -> np.ndarray:
+    """Place levels in the center of a device.
 
-    Around them is a checkerboard of half a turn, whose light the stop in the Fourier plane takes away.
+    Around them is a checkerboard of half a turn, whose light the stop in the Fourier plane blocks.
+
+    Parameters
+    ----------
+    levels : numpy.ndarray, integers, shape (y, x)
+    size : (int, int)
+        Width and height of the device, pixels.
+    bits : int
+        Bits of a level.
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width)
 
     Raises
     ------
     InvalidInput
-        If they do not fit.
+        If the levels do not fit.
     """
     width, height = size
     rows, columns = levels.shape
@@ -78,117 +87,126 @@ def placed(levels: np.ndarray, size: tuple[int, int], bits: int) -> np.ndarray:
     return whole
 
 
-def nominal(
+def nominal_setup(
     window: PatternWindow, distances: Sequence[float], shape: tuple[int, int], view: Sequence[float]
 ) -> Setup:
-    """What a display and its camera are meant to be.
+    """The setup of an ideal display and camera, at which the fit starts.
 
     Parameters
     ----------
     window : PatternWindow
     distances : sequence of float
-        Of the foci from the SLM, metres.
+        Distances of the foci from the SLM, meters.
     shape : (int, int)
         Rows and columns of the camera's pictures.
     view : (float, float)
-        What half the camera's shorter side sees of the window's, to the right and down; negative: mirrored.
+        Half of the camera's shorter side in half sides of the window, to the right and down; negative: mirrored.
     """
-    model = DisplayModel(window.wavelength, half=window.side / 2 * min(axes(window.pitch)), **USUAL)
+    model = DisplayModel(window.wavelength, half=window.side / 2 * min(axes(window.pitch)), **TYPICAL)
     matrix = (float(view[0]), 0.0, 0.0, 0.0, float(view[1]), 0.0, 0.0, 0.0)
-    sensor = Sensor(shape, GAIN, BLACK, 1.0, dict.fromkeys(distances, matrix))
+    sensor = Sensor(shape, TYPICAL_GAIN, TYPICAL_BLACK, 1.0, dict.fromkeys(distances, matrix))
     return Setup(model, even_knots(window.bits), sensor)
 
 
 def calibrate(
-    look: Callable[[np.ndarray, float], np.ndarray],
+    capture: Callable[[np.ndarray, float], np.ndarray],
     window: PatternWindow,
     distances: Sequence[float],
     view: Sequence[float] = (1.0, 1.0),
     count: int = 64,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Fitted:
-    """Show patterns, look at them, and find what the display and its camera are.
+) -> FitResult:
+    """Show patterns, capture them, and fit a model of the display and its camera.
 
     Parameters
     ----------
-    look : callable
-        ``look(levels, distance)`` shows levels on the window, focuses at a distance and gives the camera's picture,
-        values of 0 to 1, shape (y, x).
+    capture : callable
+        ``capture(levels, distance)`` shows levels on the window, focuses the camera at a distance in meters, and
+        returns its picture: values from 0 to 1, shape (y, x).
     window : PatternWindow
     distances : sequence of float
-        Of at least two foci from the SLM, metres.
+        Distances of at least two foci from the SLM, meters.
     view : (float, float)
-        See `nominal`.
+        See `nominal_setup`.
     count : int
-        Of captures.
+        Number of captures.
     seed : int
-        Of the patterns.
+        Seed of the patterns.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
+
+    Returns
+    -------
+    FitResult
 
     Raises
     ------
     InvalidInput
-        If the display or the camera moved meanwhile, or pictures do not fit the model at all.
+        If the display or the camera moved meanwhile, or the pictures do not fit the model.
     """
     progress = progress or (lambda done, message: None)
     if len(distances) < 2 or count < 10 * len(distances):
         raise InvalidInput(
-            f"A calibration needs two foci or more, and ten captures at each: not {count} at {len(distances)}."
+            "Expected two or more foci and at least ten captures at each, got "
+            f"{count} captures at {len(distances)} foci."
         )
     shape, captures = (window.side, window.side), []
-    known = references(count)
-    shown = patterns(shape, window.bits, window.pitch, window.wavelength, distances, count, seed)
-    for number, (levels, distance) in enumerate(shown):
-        progress(LOOKING * number / count, f"Capture {number + 1} of {count}")
-        picture = np.asarray(look(levels, distance), np.float32)
+    repeats = references(count)
+    sequence = patterns(shape, window.bits, window.pitch, window.wavelength, distances, count, seed)
+    for number, (levels, distance) in enumerate(sequence):
+        progress(CAPTURE_FRACTION * number / count, f"Capture {number + 1} of {count}")
+        picture = np.asarray(capture(levels, distance), np.float32)
         if captures and picture.shape != captures[0].picture.shape:
-            raise InvalidInput("The camera's pictures differ in size: let it take all alike.")
+            raise InvalidInput("The camera's pictures differ in size. Take all of them at one resolution.")
         captures.append(Capture(levels, distance, picture))
-        so_far = [each for each in known if each <= number]
-        moved = drift(captures, so_far) if number in known and len(so_far) > 2 else None
-        if moved is not None:
+        so_far = [each for each in repeats if each <= number]
+        change = drift(captures, so_far) if number in repeats and len(so_far) > 2 else None
+        if change is not None:
             raise InvalidInput(
-                f"The bench changed between captures {moved[0] + 1} and {moved[1] + 1}: the same picture is off by "
-                f"{moved[2]:.1f} times its noise. Let it come to rest, and calibrate again."
+                f"The bench changed between captures {change[0] + 1} and {change[1] + 1}: the same picture differs by "
+                f"{change[2]:.1f} times its noise. Let the bench settle, and calibrate again."
             )
-    start = nominal(window, distances, captures[0].picture.shape, view)
-    found = fit(captures, start, shape, window.pitch, window.bits, stage(progress, LOOKING, 1.0))
-    if found.explained < LEAST_EXPLAINED:
+    start = nominal_setup(window, distances, captures[0].picture.shape, view)
+    progress = stage(progress, CAPTURE_FRACTION, 1.0)
+    result = fit(captures, start, shape, window.pitch, window.bits, progress)
+    if result.explained < MIN_EXPLAINED:
         raise InvalidInput(
-            f"The model explains only {found.explained:.0%} of what the camera saw: check the foci, the pitch, the "
-            "wavelength, and what the camera sees of the window."
+            f"The model explains only {result.explained:.0%} of the pictures' variance. Check the foci, the pitch, the "
+            "wavelength, and --view."
         )
-    return found
+    return result
 
 
 def calibration_of(
-    found: Fitted, window: PatternWindow, device: str = "", before: Calibration | None = None
+    result: FitResult, window: PatternWindow, device: str = "", earlier: Calibration | None = None
 ) -> Calibration:
-    """A `Calibration` of what was found, with what was found earlier at other wavelengths.
+    """A `Calibration` of a fit, which keeps the fits of an earlier one at other wavelengths.
 
     Parameters
     ----------
-    found : Fitted
+    result : FitResult
     window : PatternWindow
+        The window and wavelength of the fit.
     device : str
+        Name of the device. Default: that of the earlier calibration.
     before : Calibration, optional
+        An earlier calibration of the same device.
     """
-    setup, wavelength = found.setup, window.wavelength
-    levels = np.unique(np.round(np.linspace(0, 2**window.bits - 1, POINTS)).astype(int))
+    setup, wavelength = result.setup, window.wavelength
+    levels = np.unique(np.round(np.linspace(0, 2**window.bits - 1, CURVE_POINTS)).astype(int))
     phases = setup.phases(window.bits)
     curve = tuple((int(level), float(phases[level])) for level in levels)
-    others = [] if before is None else list(zip(before.models, before.sensors, strict=True))
+    others = [] if earlier is None else list(zip(earlier.models, earlier.sensors, strict=True))
     others = [pair for pair in others if not math.isclose(pair[0].wavelength, wavelength, rel_tol=1e-3)]
-    fitted = sorted([*others, (setup.model, setup.sensor)], key=lambda pair: -pair[0].wavelength)
-    responses = [] if before is None else list(before.responses)
+    pairs = sorted([*others, (setup.model, setup.sensor)], key=lambda pair: -pair[0].wavelength)
+    responses = [] if earlier is None else list(earlier.responses)
     responses = [r for r in responses if not math.isclose(r.wavelength, wavelength, rel_tol=1e-3)]
     return Calibration(
-        device or (before.device if before else ""),
+        device or (earlier.device if earlier else ""),
         window.bits,
-        before.size if before else None,
+        earlier.size if earlier else None,
         responses=(*responses, Response(wavelength, curve=curve)),
-        models=tuple(model for model, _ in fitted),
-        sensors=tuple(sensor for _, sensor in fitted),
+        models=tuple(model for model, _ in pairs),
+        sensors=tuple(sensor for _, sensor in pairs),
     )

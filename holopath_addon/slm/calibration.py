@@ -1,4 +1,4 @@
-"""What a device needs so that its pixels have the phases that are meant, and its form on disk."""
+"""The calibration of a device: from phases to its levels and back, and the calibration file."""
 
 from __future__ import annotations
 
@@ -27,44 +27,44 @@ if TYPE_CHECKING:
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
-# Where a response varies: shares of it between the least and the largest, each with a table of fewer steps
-SHARES, COARSE_STEPS = 256, 1 << 12
-LARGEST = 1 << 15  # pixels of a side
-FITTED = 3e-9  # metres from the wavelength at which a model was fitted, within which it holds
-MOST_CORRECTION = float(1 << 20)  # radians, that float32 holds to a hundredth of a turn
-SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
+# Where the response varies: factors between the smallest and the largest, each with a table of fewer steps
+FACTORS, COARSE_STEPS = 256, 1 << 12
+MAX_SIDE = 1 << 15  # pixels
+FIT_TOLERANCE = 3e-9  # meters from the wavelength of a fitted model, within which it holds
+MAX_CORRECTION = float(1 << 20)  # radians, which float32 resolves to a hundredth of a turn
+SAME_WAVELENGTH = 0.5e-9  # meters between wavelengths that count as one
 
 
-def _scale(measured, wavelength):
-    """Phase at a wavelength in terms of that at the one where it was measured: the optical path is the same."""
-    return 1.0 if wavelength is None or abs(wavelength - measured) < SAME else measured / wavelength
+def _scale(reference, wavelength):
+    """Ratio of the phase at a wavelength to that at a reference wavelength: the optical path is the same."""
+    return (
+        1.0 if wavelength is None or abs(wavelength - reference) < SAME_WAVELENGTH else reference / wavelength
+    )
 
 
 def _check_wavelength(wavelength):
     if not 1e-7 < wavelength < 1e-4:
-        raise InvalidInput(
-            f"A wavelength of {wavelength * 1e9:g} nm is out of reach: give one in nm, 100 to 100000."
-        )
+        raise InvalidInput(f"Expected a wavelength from 100 to 100000 nm, got {wavelength * 1e9:g} nm.")
 
 
 @dataclass(frozen=True)
 class Response:
-    """Phase that a device's levels give at one wavelength.
+    """Phase of a device's levels at one wavelength.
 
     Parameters
     ----------
     wavelength : float
-        Metres, at which it was measured.
+        Wavelength of the measurement, meters.
     range : float
-        Turns (fractions of 2 pi) that all levels span together: level n of N gives 2 pi range n / N.
+        Turns (fractions of 2 pi) that all levels span together: level n of N has the phase 2 pi range n / N.
     curve : tuple of (float, float), optional
-        Measured instead: level and phase in radians, not wrapped, at least two, between which lines are drawn; they
-        span all levels.
+        A measured curve instead: at least two pairs of level and unwrapped phase in radians, which span all levels and
+        are interpolated linearly.
 
     Raises
     ------
     InvalidInput
-        On a response that no device can have.
+        If no device can have such a response.
     """
 
     wavelength: float
@@ -74,7 +74,9 @@ class Response:
     def __post_init__(self):
         _check_wavelength(self.wavelength)
         if not 0.05 <= self.range <= MAX_TURNS:
-            raise InvalidInput(f"A range of {self.range:g} turns is no SLM's: give a number near 1.")
+            raise InvalidInput(
+                f"Expected a range from 0.05 to {MAX_TURNS} turns, got {self.range:g}. SLMs have about 1."
+            )
         if self.curve is not None:
             try:
                 curve = np.asarray(self.curve, float)
@@ -82,21 +84,33 @@ class Response:
                 curve = np.empty(0)
             if curve.ndim != 2 or curve.shape[1] != 2 or len(curve) < 2 or not np.isfinite(curve).all():
                 raise InvalidInput(
-                    "A measured curve is a list of pairs of level and phase in radians, at least two."
+                    "Expected a measured curve of two or more pairs of level and phase in radians."
                 )
             if (np.diff(curve[:, 0]) <= 0).any():
-                raise InvalidInput("The levels of a measured curve must rise.")
+                raise InvalidInput("The levels of a measured curve must increase.")
             if np.abs(curve[:, 1]).max() > MAX_TURNS * 2 * math.pi:
                 raise InvalidInput(
-                    f"A measured curve of more than {MAX_TURNS} turns is no SLM's: give its phases in radians."
+                    f"The measured curve exceeds {MAX_TURNS} turns. Give its phases in radians."
                 )
             object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
 
     def phases(self, bits: int, wavelength: float | None = None) -> np.ndarray:
         """Phase of each level at a wavelength, radians, array of 2^bits.
 
-        Away from where it was measured the phase goes as 1 / wavelength: the optical path stays, dispersion is left
-        out.
+        The phase scales as 1 / wavelength from that of the measurement: the optical path stays, dispersion is
+        neglected.
+
+        Parameters
+        ----------
+        bits : int
+            Bits of a level.
+        wavelength : float, optional
+            Meters. Default: that of the measurement.
+
+        Raises
+        ------
+        InvalidInput
+            If the curve does not span all levels.
         """
         levels = np.arange(2**bits)
         if self.curve is None:
@@ -105,14 +119,14 @@ class Response:
             at, phases = np.transpose(self.curve)
             if at[0] > 0 or at[-1] < levels[-1]:
                 raise InvalidInput(
-                    f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}: measure it "
+                    f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}. Measure it "
                     f"from 0 to {levels[-1]}."
                 )
             phases = np.interp(levels, at, unwrapped(phases))
         return phases * _scale(self.wavelength, wavelength)
 
     def linear(self, wavelength: float) -> bool:
-        """Whether the levels are even steps of one whole turn."""
+        """Whether the levels are even steps of one whole turn at a wavelength in meters."""
         return self.curve is None and math.isclose(
             self.range * _scale(self.wavelength, wavelength), 1.0, rel_tol=1e-9
         )
@@ -120,39 +134,41 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """How phases become a device's levels.
+    """A device's map from phases to levels.
 
     Parameters
     ----------
     device : str
+        Name of the device.
     bits : int
-        Of a level, 1 to 16.
+        Bits of a level, 1 to 16.
     size : (int, int), optional
         Width and height in pixels. Default: the hologram's.
     flip_x, flip_y : bool
         Mirror left and right, up and down.
     shift : (int, int)
-        Pixels that the hologram is moved right and down from the device's middle.
+        Pixels by which the hologram is moved right and down from the device's center.
     responses : tuple of Response
-        Measured at one or more wavelengths; the nearest one is taken and scaled. Default: even steps of one turn at
-        every wavelength.
+        Responses at one or more wavelengths; the nearest one is scaled. Default: even steps of one turn at every
+        wavelength.
     correction : numpy.ndarray, float32, shape (y, x), optional
         Phase in radians that is added at each of the device's pixels, so that a flat hologram is flat.
     correction_wavelength : float, optional
-        Metres, at which that was measured; at others it goes as 1 / wavelength.
+        Wavelength of the correction, meters; at others it scales as 1 / wavelength.
     models : tuple of engine.DisplayModel
-        What else the display does to light, fitted at one or more wavelengths; see `slm.fit`.
+        Other effects of the display on light, fitted at one or more wavelengths; see `calibrate`.
     sensors : tuple of Sensor
-        The camera of each of them.
+        The camera of each model.
     variation : numpy.ndarray, float32, shape (y, x), optional
-        How many times the response each of the device's pixels shows, counted from level 0; see `engine.Levels`.
+        Factor of the response at each of the device's pixels, from level 0 on; see `engine.Levels`.
     falling : bool
-        Whether the phase of the light falls as the level rises, by as much as the responses say that it rises. A
-        measured curve says it itself.
+        Whether the phase of the light falls as the level rises, by as much as the responses rise. Set it for even
+        steps and ranges; a measured curve that falls needs no mark.
 
     Raises
     ------
     InvalidInput
+        If no device can have such a calibration, or its parts contradict each other.
     """
 
     device: str = ""
@@ -171,31 +187,31 @@ class Calibration:
 
     def __post_init__(self):
         if not 1 <= self.bits <= 16:
-            raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
-        if self.size is not None and not (1 <= min(self.size) and max(self.size) <= LARGEST):
+            raise InvalidInput(f"Expected 1 to 16 bits, got {self.bits}.")
+        if self.size is not None and not (1 <= min(self.size) and max(self.size) <= MAX_SIDE):
             raise InvalidInput(
-                f"A device of {self.size[0]} x {self.size[1]} pixels cannot be: give its size."
+                f"Expected a size from 1 to {MAX_SIDE} pixels a side, got {self.size[0]} x {self.size[1]}."
             )
-        if max(map(abs, self.shift)) > LARGEST:
-            raise InvalidInput(f"A shift has {LARGEST} pixels at most: give one that stays on the device.")
+        if max(map(abs, self.shift)) > MAX_SIDE:
+            raise InvalidInput(
+                f"Expected a shift of at most {MAX_SIDE} pixels, got {max(map(abs, self.shift))}."
+            )
         for response in self.responses:
             shown = response.phases(self.bits)  # its curve spans the levels
             if self.falling and shown[-1] < shown[0]:
                 raise InvalidInput(
-                    f"The curve at {response.wavelength * 1e9:g} nm falls already: leave out that phases fall."
+                    f"The curve at {response.wavelength * 1e9:g} nm falls already. Omit falling."
                 )
         if self.correction is not None:
             correction = np.asarray(self.correction)
             if correction.ndim != 2 or not correction.size or correction.dtype.kind not in "fiu":
-                raise InvalidInput("The correction is no map of phases, one a pixel: give its radians.")
-            if not np.abs(correction, dtype=float).max() <= MOST_CORRECTION:  # NaN is no less
-                raise InvalidInput(
-                    f"The correction is not finite, or goes beyond {MOST_CORRECTION:.0f}: give its radians."
-                )
+                raise InvalidInput("Expected a correction of one phase per pixel, in radians.")
+            if not np.abs(correction, dtype=float).max() <= MAX_CORRECTION:  # false for NaN, too
+                raise InvalidInput(f"Expected a finite correction of at most {MAX_CORRECTION:.0f} radians.")
             correction = np.ascontiguousarray(correction, np.float32)
             self._check_size("correction", correction)
             if self.correction_wavelength is None:
-                raise InvalidInput("The correction lacks the wavelength at which it was measured.")
+                raise InvalidInput("The correction lacks its wavelength. Give that of the measurement.")
             _check_wavelength(self.correction_wavelength)
             object.__setattr__(self, "correction", correction)
         if self.variation is not None:
@@ -203,36 +219,36 @@ class Calibration:
             self._check_size("variation", self.variation)
             if self.models:
                 raise InvalidInput(
-                    "A response that varies over the device does not go with a display that was fitted: leave out the "
+                    "A response that varies over the device cannot be combined with a fitted display. Omit the "
                     "variation or the displays."
                 )
 
     def _check_size(self, name, values):
         if self.size is not None and values.shape != tuple(self.size)[::-1]:
             raise InvalidInput(
-                f"The {name} has {values.shape[1]} x {values.shape[0]} pixels, the device "
-                f"{self.size[0]} x {self.size[1]}: give one of the device's size."
+                f"Expected a {name} of the device's {self.size[0]} x {self.size[1]} pixels, got "
+                f"{values.shape[1]} x {values.shape[0]}."
             )
 
     @property
     def plain(self) -> bool:
-        """Whether levels are shown where and as they are found: not mirrored, moved, corrected, varying or falling."""
-        moved = self.flip_x or self.flip_y or any(self.shift) or self.falling
-        return not moved and self.correction is None and self.variation is None
+        """Whether nothing is mirrored, moved, corrected, varying or falling."""
+        changes = self.flip_x or self.flip_y or any(self.shift) or self.falling
+        return not changes and self.correction is None and self.variation is None
 
     def response(self, wavelength: float) -> Response:
-        """The `Response` that was measured nearest to a wavelength."""
+        """The `Response` measured nearest to a wavelength in meters."""
         if not self.responses:
             return Response(wavelength)
         return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
 
     def phases(self, wavelength: float) -> np.ndarray:
-        """Phase of each level at a wavelength, radians, shape (level,)."""
-        shown = self.response(wavelength).phases(self.bits, wavelength)
-        return -shown if self.falling else shown
+        """Phase of each level at a wavelength in meters, radians, shape (level,)."""
+        phases = self.response(wavelength).phases(self.bits, wavelength)
+        return -phases if self.falling else phases
 
     def levels_of(self, hologram: Hologram) -> list[Levels]:
-        """What the device can show of a hologram at each wavelength, for `engine.encode`.
+        """The device's levels under a hologram at each wavelength, for `engine.encode`.
 
         Raises
         ------
@@ -241,90 +257,95 @@ class Calibration:
         """
         shape = hologram.height, hologram.width
         device = shape if self.size is None else self.size[::-1]
-        found, variation = [], self._shown_variation(device)
+        all_levels, variation = [], self._checked_variation(device)
         if variation is not None:
-            variation = self._under(variation - 1, shape) + 1
+            variation = self._at_hologram(variation - 1, shape) + 1
         for wavelength in hologram.wavelengths:
             correction = self._scaled_correction(wavelength, device)
             if correction is not None:
-                correction = self._under(correction, shape)
+                correction = self._at_hologram(correction, shape)
             phases = self.phases(wavelength)
             if self.models:
-                phases = phases[self._used(phases)]
-            found.append(Levels(phases, correction, variation))
-        return found
+                phases = phases[self._levels_in_use(phases)]
+            all_levels.append(Levels(phases, correction, variation))
+        return all_levels
 
     def display(self, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
-        """Fitted models for `engine.encode`, one a wavelength in metres; None where none was fitted.
+        """FitResult models for `engine.encode`, one per wavelength in meters; None without any.
 
         Raises
         ------
         InvalidInput
-            If a wavelength was not fitted.
+            If there are models, but none of a wavelength.
         """
-        return [self._fitted(each)[0] for each in wavelengths] if self.models else None
+        return [self._fit_at(each)[0] for each in wavelengths] if self.models else None
 
     def sensor(self, wavelength: float) -> Sensor:
-        """The camera, as it was found with the model of a wavelength.
+        """The camera of the model fitted at a wavelength in meters.
 
         Raises
         ------
         InvalidInput
-            If there was none.
+            If there is none.
         """
-        return self._fitted(wavelength)[1]
+        return self._fit_at(wavelength)[1]
 
-    def _fitted(self, wavelength):
+    def _fit_at(self, wavelength):
         pairs = list(zip(self.models, self.sensors, strict=True))
         apart = [abs(model.wavelength - wavelength) for model, _ in pairs]
-        if min(apart, default=FITTED) < FITTED:
+        if min(apart, default=FIT_TOLERANCE) < FIT_TOLERANCE:
             return pairs[apart.index(min(apart))]
         known = ", ".join(f"{model.wavelength * 1e9:g}" for model in self.models) or "none"
         raise InvalidInput(
-            f"The display was not calibrated at {wavelength * 1e9:g} nm, only at {known}: run `holopath "
-            "calibrate` there."
+            f"Expected a wavelength at which the display is calibrated ({known} nm), got {wavelength * 1e9:g} nm. Run "
+            "`holopath calibrate` there."
         )
 
     def table(self, wavelength: float) -> np.ndarray:
-        """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle.
+        """Nearest level, on the circle, of each of `STEPS` phases of a turn.
 
-        With a variation a table for each of `SHARES` between the least and the largest, shape (`SHARES`,
-        `COARSE_STEPS`): phases are right to 0.01 rad where it is within a tenth of 1, of a response of a turn.
+        With a variation: a table for each of `FACTORS` factors between the smallest and the largest, shape (`FACTORS`,
+        `COARSE_STEPS`). With a response of one turn and factors from 0.9 to 1.1 its phases are within 0.01 rad.
+
+        Parameters
+        ----------
+        wavelength : float
+            Meters.
         """
         phases = self.phases(wavelength)
         if self.variation is not None:
-            shares = np.linspace(self.variation.min(), self.variation.max(), SHARES)
+            factors = np.linspace(self.variation.min(), self.variation.max(), FACTORS)
             return np.stack(
-                [self._table(phases[0] + share * (phases - phases[0]), COARSE_STEPS) for share in shares]
+                [self._table(phases[0] + factor * (phases - phases[0]), COARSE_STEPS) for factor in factors]
             )
         return self._table(phases, STEPS)
 
-    def _used(self, phases):
-        """Which levels are; a model's crosstalk knows no more than a turn."""
+    def _levels_in_use(self, phases):
+        """Mask of the levels in use: those of one turn where a model's crosstalk allows no more."""
         return one_turn(phases, 2 if self.models else MIN_LEVELS)
 
     def _table(self, phases, steps):
-        used = np.flatnonzero(self._used(phases))
-        phases = np.mod(phases[used], 2 * math.pi)
+        levels = np.flatnonzero(self._levels_in_use(phases))
+        phases = np.mod(phases[levels], 2 * math.pi)
         order = np.argsort(phases, kind="stable")
-        ring, order = phases[order], used[order]
+        ring, order = phases[order], levels[order]
         edges = np.append((ring[1:] + ring[:-1]) / 2, (ring[0] + 2 * math.pi + ring[-1]) / 2)
-        wanted = np.arange(steps) * (2 * math.pi / steps)
-        wanted = np.where(wanted < edges[-1] - 2 * math.pi, wanted + 2 * math.pi, wanted)
-        nearest = np.searchsorted(edges, wanted, side="left") % len(ring)
+        targets = np.arange(steps) * (2 * math.pi / steps)
+        targets = np.where(targets < edges[-1] - 2 * math.pi, targets + 2 * math.pi, targets)
+        nearest = np.searchsorted(edges, targets, side="left") % len(ring)
         return order[nearest].astype(np.uint8 if self.bits <= 8 else np.uint16)
 
     def levels(self, phases: np.ndarray, wavelength: float, table: np.ndarray | None = None) -> np.ndarray:
-        """Levels for the device's pixels.
+        """Convert phases to levels of the device's pixels.
 
         Parameters
         ----------
         phases : numpy.ndarray, shape (y, x)
-            Radians, of a hologram that is no larger than the device.
+            Radians of a hologram that is no larger than the device.
         wavelength : float
-            Metres.
+            Meters.
         table : numpy.ndarray, optional
-            `table` of that wavelength, where it is kept.
+            Result of `table` at that wavelength, to save its computation.
 
         Returns
         -------
@@ -336,11 +357,11 @@ class Calibration:
             If the hologram does not fit.
         """
         phases = np.asarray(phases, np.float32)[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
-        phases = self._placed(phases)
+        phases = self._on_device(phases)
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = np.mod(phases + correction, np.float32(2 * math.pi))
-        variation = self._shown_variation(phases.shape)
+        variation = self._checked_variation(phases.shape)
         if variation is None and not self.falling and self.response(wavelength).linear(wavelength):
             return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
         table = self.table(wavelength) if table is None else table
@@ -350,15 +371,15 @@ class Calibration:
             return table[step]
         low, high = variation.min(), variation.max()
         return table[
-            np.round((variation - low) * ((SHARES - 1) / max(high - low, 1e-6))).astype(np.uint8), step
+            np.round((variation - low) * ((FACTORS - 1) / max(high - low, 1e-6))).astype(np.uint8), step
         ]
 
-    def _shown_variation(self, shape):
-        """The variation of a device of such a shape; None where all pixels are alike."""
+    def _checked_variation(self, shape):
+        """The variation, whose shape must be the device's; None where all pixels are alike."""
         if self.variation is not None and self.variation.shape != shape:
             raise InvalidInput(
-                f"The variation has {self.variation.shape[1]} x {self.variation.shape[0]} pixels, what is shown "
-                f"{shape[1]} x {shape[0]}: give the device's size in the calibration."
+                f"The variation has {self.variation.shape[1]} x {self.variation.shape[0]} pixels, the hologram "
+                f"{shape[1]} x {shape[0]}. Give the device's size in the calibration."
             )
         return self.variation
 
@@ -367,61 +388,61 @@ class Calibration:
             return None
         if self.correction.shape != shape:
             raise InvalidInput(
-                f"The correction has {self.correction.shape[1]} x {self.correction.shape[0]} pixels, what is shown "
-                f"{shape[1]} x {shape[0]}: give the device's size in the calibration."
+                f"The correction has {self.correction.shape[1]} x {self.correction.shape[0]} pixels, the hologram "
+                f"{shape[1]} x {shape[0]}. Give the device's size in the calibration."
             )
         return np.float32(_scale(self.correction_wavelength, wavelength)) * self.correction
 
-    def _placed(self, phases):
-        """On the device, in its middle but for the shift; around it is phase 0."""
+    def _on_device(self, phases):
+        """Place a hologram's phases in the device's center, moved by the shift; phase 0 surrounds them."""
         height, width = phases.shape
         to_width, to_height = self.size or (width, height)
         if width > to_width or height > to_height:
             raise InvalidInput(
-                f"The hologram has {width} x {height} pixels, the device only {to_width} x {to_height}: render it "
+                f"The hologram has {width} x {height} pixels, the device only {to_width} x {to_height}. Render it "
                 "for this device, or choose another."
             )
         if (to_width, to_height) == (width, height) and tuple(self.shift) == (0, 0):
             return phases
-        there, here = self._windows(phases.shape, (to_height, to_width))
-        placed = np.zeros((to_height, to_width), np.float32)
-        placed[there] = phases[here]
-        return placed
+        on_device, on_hologram = self._windows(phases.shape, (to_height, to_width))
+        whole = np.zeros((to_height, to_width), np.float32)
+        whole[on_device] = phases[on_hologram]
+        return whole
 
     def _windows(self, hologram, device):
-        """Slices of the device's and of the hologram's pixels, shapes (y, x), that lie on each other."""
-        there, here = [], []
+        """Slices of the device and of the hologram, shapes (y, x), where they overlap."""
+        on_device, on_hologram = [], []
         for size, whole, shift in zip(hologram, device, self.shift[::-1], strict=True):
             begin = (whole - size) // 2 + shift
             first, last = max(begin, 0), min(begin + size, whole)
             if first >= last:
                 raise InvalidInput(
-                    f"A shift of {self.shift[0]}, {self.shift[1]} pixels moves the hologram off the device."
+                    f"A shift of {self.shift[0]}, {self.shift[1]} pixels moves the hologram off the device. Give less."
                 )
-            there.append(slice(first, last))
-            here.append(slice(first - begin, last - begin))
-        return tuple(there), tuple(here)
+            on_device.append(slice(first, last))
+            on_hologram.append(slice(first - begin, last - begin))
+        return tuple(on_device), tuple(on_hologram)
 
-    def seen(
+    def shown_phases(
         self,
         levels: np.ndarray,
         wavelength: float,
         shape: tuple[int, int],
-        blurred: Callable[[np.ndarray], np.ndarray] | None = None,
+        crosstalk: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> np.ndarray:
-        """What a device that this calibration describes makes of levels: the reverse of `levels`.
+        """Phases that the device shows for levels: the inverse of `levels`.
 
         Parameters
         ----------
         levels : numpy.ndarray, integers, shape (height, width)
-            Of the device's pixels.
+            Levels of the device's pixels.
         wavelength : float
-            Metres.
+            Meters.
         shape : (int, int)
             Rows and columns of the hologram.
-        blurred : callable, optional
-            What neighboring pixels do to each other: from phases that the response gives, which may be of more than a
-            turn, radians, shape (height, width), to those that the panel has.
+        crosstalk : callable, optional
+            Crosstalk between pixels: maps the response's phases, radians, shape (height, width), possibly of more than
+            a turn, to the panel's.
 
         Returns
         -------
@@ -430,25 +451,25 @@ class Calibration:
         """
         response = self.phases(wavelength).astype(np.float32)
         phases = response[levels]
-        variation = self._shown_variation(phases.shape)
+        variation = self._checked_variation(phases.shape)
         if variation is not None:
             phases = response[0] + variation * (phases - response[0])
-        if blurred is not None:
-            phases = blurred(phases)
+        if crosstalk is not None:
+            phases = crosstalk(phases)
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = phases - correction
-        return self._under(np.mod(phases, np.float32(2 * math.pi)), shape)
+        return self._at_hologram(np.mod(phases, np.float32(2 * math.pi)), shape)
 
-    def _under(self, values, shape):
-        """Of the device's pixels, those under a hologram of such a shape; 0 where it lies beside the device."""
-        there, here = self._windows(shape, values.shape)
-        under = np.zeros(shape, np.float32)
-        under[here] = values[there]
-        return under[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+    def _at_hologram(self, values, shape):
+        """Values of the device's pixels under a hologram of a shape; 0 where it extends beyond the device."""
+        on_device, on_hologram = self._windows(shape, values.shape)
+        result = np.zeros(shape, np.float32)
+        result[on_hologram] = values[on_device]
+        return result[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
     def save(self, path: Path | str) -> None:
-        """Write a JSON file, and beside it ``.npy`` for the correction and the variation.
+        """Write a JSON file, and ``.npy`` files of the correction and the variation beside it.
 
         Raises
         ------
@@ -463,7 +484,7 @@ class Calibration:
             }
         if self.variation is not None:
             variation = {"file": _write_map(path, "variation", self.variation)}
-        said = {
+        data = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             "device": self.device,
@@ -485,88 +506,91 @@ class Calibration:
             ],
         }
         part = path.with_name(f".part-{path.name}")
-        part.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
         os.replace(part, path)
 
     @classmethod
     def load(cls, path: Path | str) -> Calibration:
-        """Read what `save` wrote, or what was written by hand: all but ``format`` may be left out.
+        """Read a file of `save`, or one written by hand: every key but ``format`` is optional.
 
-        The correction may also be a picture of 8 bits, of which 256 levels are a turn, as makers of SLMs give it. It is
-        unwrapped: for that its neighbors differ by less than half a turn.
+        The correction may also be a picture of 8 bits, 256 levels a turn, as makers of SLMs supply it. It is unwrapped,
+        so neighboring pixels must differ by less than half a turn.
+
+        Parameters
+        ----------
+        path : path
 
         Raises
         ------
         InvalidInput
-            If the file cannot be read or says what no device has.
+            If the file cannot be read, or no device can have such a calibration.
         """
         path = Path(path)
-        with _calibration(path) as said:
+        with _calibration(path) as data:
             correction = at = variation = None
-            if said.get("correction"):
-                at = float(said["correction"]["wavelength_nm"]) * 1e-9
-                correction = _read_map(_map_file(path, said, "correction"))
-            if said.get("variation"):
-                variation = np.load(_map_file(path, said, "variation"), allow_pickle=False)
-            size = said.get("size")
-            found = cls(
-                str(said.get("device", "")),
-                _whole(said.get("bits", 8)),
+            if data.get("correction"):
+                at = float(data["correction"]["wavelength_nm"]) * 1e-9
+                correction = _read_map(_map_file(path, data, "correction"))
+            if data.get("variation"):
+                variation = np.load(_map_file(path, data, "variation"), allow_pickle=False)
+            size = data.get("size")
+            calibration = cls(
+                str(data.get("device", "")),
+                _whole(data.get("bits", 8)),
                 _pair(size) if size else None,
-                _truth(said.get("flip_x", False)),
-                _truth(said.get("flip_y", False)),
-                _pair(said.get("shift", (0, 0))),
+                _boolean(data.get("flip_x", False)),
+                _boolean(data.get("flip_y", False)),
+                _pair(data.get("shift", (0, 0))),
                 tuple(
                     Response(
                         float(r["wavelength_nm"]) * 1e-9,
                         float(r.get("range", 1.0)),
                         _curve(path.with_name(str(r["file"]))) if r.get("file") else r.get("curve"),
                     )
-                    for r in said.get("responses", ())
+                    for r in data.get("responses", ())
                 ),
                 correction,
                 at,
-                tuple(DisplayModel.from_dict(each) for each in said.get("displays", ())),
-                tuple(Sensor.from_dict(each["camera"]) for each in said.get("displays", ())),
+                tuple(DisplayModel.from_dict(each) for each in data.get("displays", ())),
+                tuple(Sensor.from_dict(each["camera"]) for each in data.get("displays", ())),
                 variation,
-                _truth(said.get("falling", False)),
+                _boolean(data.get("falling", False)),
             )
-        return found
+        return calibration
 
 
 @contextmanager
 def _calibration(path: Path) -> Iterator[dict]:
-    """What a file says; errors of the block name it."""
+    """The JSON object of a calibration file; errors raised in the block name the file."""
     try:
-        said = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
-        if not isinstance(said, dict):
-            raise ValueError("it is no JSON object")
-        if said["format"] != FORMAT or said.get("format_version", 1) != FORMAT_VERSION:
-            raise ValueError("another format, or a newer one")
-        yield said
+        data = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
+        if not isinstance(data, dict):
+            raise ValueError("expected a JSON object")
+        if data["format"] != FORMAT or data.get("format_version", 1) != FORMAT_VERSION:
+            raise ValueError("another format, or a newer version")
+        yield data
     except InvalidInput as error:
         raise InvalidInput(f"The calibration {path}: {error}") from None
-    except Exception as error:  # there is no end to what a file may hold
+    except Exception as error:  # a file may hold anything
         reason = f"it lacks {error}" if isinstance(error, KeyError) else _reason(error)
         raise InvalidInput(
-            f"The calibration {path} cannot be read ({reason}): write it as docs/slm.md says."
+            f"The calibration {path} cannot be read ({reason}). See docs/slm.md for its format."
         ) from None
 
 
 def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:
-    """What a device can show, for `engine.encode`.
+    """Read the levels of a device, for `engine.encode`.
 
     Parameters
     ----------
     path : path
-        A `Calibration`, ending on .json, or a text file as `read_response` takes it, whose phases are those of every
-        wavelength.
+        A `Calibration` in a .json file, or a text file for `read_response`, whose phases hold at every wavelength.
     hologram : engine.Hologram
 
     Returns
     -------
     list of engine.Levels
-        For each wavelength.
+        One per wavelength.
 
     Raises
     ------
@@ -583,7 +607,7 @@ def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:
 
 
 def response_files(path: Path | str) -> dict[str, Path]:
-    """Files of which `measured_levels` is made, by what they are.
+    """All files that `measured_levels` reads for a path, by their role.
 
     Raises
     ------
@@ -591,11 +615,11 @@ def response_files(path: Path | str) -> dict[str, Path]:
     """
     files = {"response": Path(path)}
     if _calibrates(files["response"]):
-        with _calibration(files["response"]) as said:
+        with _calibration(files["response"]) as data:
             for name in ("correction", "variation"):
-                if said.get(name):
-                    files[name] = _map_file(files["response"], said, name)
-            for number, response in enumerate(said.get("responses", ())):
+                if data.get(name):
+                    files[name] = _map_file(files["response"], data, name)
+            for number, response in enumerate(data.get("responses", ())):
                 if response.get("file"):
                     files[f"table {number}"] = files["response"].with_name(str(response["file"]))
     return files
@@ -605,12 +629,12 @@ def _calibrates(path):
     return path.suffix.lower() == ".json"
 
 
-def _map_file(path, said, name):
-    return path.with_name(str(said[name]["file"]))
+def _map_file(path, data, name):
+    return path.with_name(str(data[name]["file"]))
 
 
 def _write_map(path, name, values):
-    """A map beside a file; gives its name."""
+    """Write a map beside a file, and return its name."""
     file_name = f"{path.stem}.{name}.npy"
     part = path.with_name(f".part-{file_name}")
     with open(part, "wb") as file:
@@ -620,7 +644,7 @@ def _write_map(path, name, values):
 
 
 def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
-    """What a display does to light at each wavelength, metres, of a `Calibration` file; None where none was fitted.
+    """Read the fitted display models of a `Calibration` file at wavelengths in meters; None without any.
 
     Raises
     ------
@@ -632,12 +656,12 @@ def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[Displ
 
 
 def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
-    """Where the cameras of a calibration saw each color of a hologram, as `engine.Optics` takes it.
+    """Scale, distance and shift of each color in a calibration, as arguments of `engine.Optics`.
 
-    The scale and the shift are those of the homographies at the focus nearest to the SLM, in terms of the color in the
-    middle of the spectrum: a camera's magnification is not known by itself. The distance is that of the fitted
+    The scale and the shift come from the homographies at the focus nearest to the SLM, relative to the color in the
+    middle of the spectrum: a camera's magnification is not known by itself. The distance comes from the fitted
     defocus. With Noll's fourth polynomial, sqrt(3) (2 rho^2 - 1), and rho = 1 at a sine of wavelength / (2 pitch),
-    a defocus a looks like a picture that lies 8 sqrt(3) a pitch^2 / (pi wavelength) too near to the viewer.
+    a defocus a moves the picture by 8 sqrt(3) a pitch^2 / (pi wavelength) towards the viewer.
 
     Parameters
     ----------
@@ -648,19 +672,19 @@ def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
     Returns
     -------
     dict
-        `color_scale`, `color_distance` in meters and `color_shift` in meters.
+        `color_scale`, and `color_distance` and `color_shift` in meters.
 
     Raises
     ------
     InvalidInput
-        If a wavelength was not calibrated, or no focus is one of all colors.
+        If a wavelength was not calibrated, or the colors share no focus.
     """
     calibration, wavelengths = Calibration.load(path), hologram.wavelengths
-    models, sensors = zip(*(calibration._fitted(each) for each in wavelengths), strict=True)
+    models, sensors = zip(*(calibration._fit_at(each) for each in wavelengths), strict=True)
     foci = set.intersection(*(set(sensor.homographies) for sensor in sensors))
     if not foci:
         raise InvalidInput(
-            f"The calibration {path} has no focus at which a camera saw every color: calibrate each at the same foci."
+            f"The colors of the calibration {path} share no focus. Calibrate each color at the same foci."
         )
     focus, middle = min(foci, key=abs), sorted(wavelengths)[len(wavelengths) // 2]
     reference = sensors[wavelengths.index(middle)]
@@ -686,13 +710,13 @@ def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
 
 
 def _curve(path):
-    """Level and phase of a table's file."""
+    """Pairs of level and phase from the file of a table."""
     return tuple((level, float(phase)) for level, phase in enumerate(read_response(path)))
 
 
-def _truth(value):
+def _boolean(value):
     if not isinstance(value, bool):
-        raise ValueError(f"{value!r} is neither true nor false")
+        raise ValueError(f"expected true or false, got {value!r}")
     return value
 
 
@@ -702,24 +726,24 @@ def _pair(values):
 
 
 def _whole(value):
-    if isinstance(value, bool) or value != int(value) or abs(value) > LARGEST:
-        raise ValueError(f"{value!r} is no whole number up to {LARGEST}")
+    if isinstance(value, bool) or value != int(value) or abs(value) > MAX_SIDE:
+        raise ValueError(f"expected a whole number up to {MAX_SIDE}, got {value!r}")
     return int(value)
 
 
 def _reason(error):
-    """What an error says, in a line."""
+    """An error's text in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _read_map(path):
-    """Phases in radians from an array or a picture."""
+    """Read phases in radians from an array or a picture."""
     if path.suffix.lower() == ".npy":
         return np.load(path, allow_pickle=False)
     levels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     if levels.dtype != np.uint8:
-        raise ValueError(f"{path.name} is no picture of 8 bits")
+        raise ValueError(f"{path.name} is not a picture of 8 bits")
     levels = levels if levels.ndim == 2 else levels[..., 0]
-    # of more than a turn it is wrapped, and for other wavelengths a turn is another length
+    # a correction of more than a turn is wrapped, and a turn at another wavelength is another length
     turns = np.unwrap(np.unwrap(levels / 256.0, axis=0, period=1.0), axis=1, period=1.0)
     return (2 * math.pi * turns).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What every device is to the streamer: open it, ask what it is, show pictures, close it."""
+"""The interface of device drivers: open a device, ask for its properties, show pictures, close it."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ SHOWN, LATE, DROPPED = "shown", "late", "dropped"
 
 @dataclass(frozen=True)
 class Info:
-    """What a device is.
+    """Properties of a device.
 
     Attributes
     ----------
     name : str
     width, height : int
-        Pixels; 0 where it takes any.
+        Pixels; 0 for any.
     bits : int
-        Of a pixel's level; 0 where it takes any.
+        Bits of a pixel's level; 0 for any.
     rate : float or None
-        Pictures a second where the device keeps time itself, else None: the streamer does.
+        Pictures per second of a device that keeps time itself; None where the streamer does.
     drops : bool
-        Whether a picture whose time has passed is left out; if not, each is shown, however late.
+        Whether a picture whose time has passed is dropped; otherwise each is shown, however late.
     channels : int
-        1, or 3 where a picture has red, green and blue.
+        1, or 3 for pictures of red, green and blue.
     note : str
-        What else is to be known, in a few words.
+        A remark for the user, in a few words.
     """
 
     name: str
@@ -46,18 +46,18 @@ class Info:
 
 @dataclass(frozen=True)
 class Picture:
-    """What is sent to a device at once.
+    """A picture for a device.
 
     Attributes
     ----------
     pixels : numpy.ndarray, uint8 or uint16, shape (y, x) or (y, x, 3)
-        Levels, row 0 is the top.
+        Levels; row 0 is the top.
     key : object
-        Equal for pictures that are the same.
+        Equal for equal pictures.
     parts : tuple of (int, int)
-        Frame and wavelength of each hologram in it, in the order in which they are shown.
+        Indices of frame and wavelength of each hologram in it, in the order of display.
     bits : int
-        Of each hologram's levels.
+        Bits of each hologram's levels.
     """
 
     pixels: np.ndarray
@@ -67,50 +67,61 @@ class Picture:
 
 
 class Driver(Protocol):
-    """A device.
+    """A driver of a device.
 
     Attributes
     ----------
     info : Info
-        Once it is open.
+        Valid once the device is open.
     """
 
     info: Info
 
-    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
-        """Take hold of the device.
+    def open(self, rate: float | None, on_picture: Callable[[int, str], None]) -> None:
+        """Open the device.
 
         Parameters
         ----------
         rate : float or None
-            Pictures a second that are wanted; None: as the device does best.
-        told : callable
-            A device that keeps time itself calls ``told(number, what)`` for each picture, in any thread, with `SHOWN`,
-            `LATE` (shown, but too late) or `DROPPED`; for others the streamer sees it.
+            Requested pictures per second; None for the device's own rate.
+        on_picture : callable
+            A device that keeps time itself calls ``on_picture(number, outcome)`` for each picture, in any thread, with
+            `SHOWN`, `LATE` (shown, but too late) or `DROPPED`. For other devices the streamer counts them.
 
         Raises
         ------
         engine.InvalidInput
             If there is no such device.
         DeviceLost
-            If it is there and does not answer; it may be opened again.
+            If the device does not answer; it may be opened again.
         """
 
     def show(self, number: int, picture: Picture) -> bool | None:
-        """Show a picture; returns when the next one may be given, or soon with False: it was not taken, give it again.
+        """Show a picture, and return when the device accepts the next one.
+
+        Parameters
+        ----------
+        number : int
+            Number of the picture, from 0 on.
+        picture : Picture
+
+        Returns
+        -------
+        bool or None
+            False, soon, if the device is busy: show the picture again.
 
         Raises
         ------
         engine.InvalidInput
-            If it does not fit the device.
+            If the picture does not fit the device.
         DeviceLost
         """
 
     def close(self, finish: bool = False) -> bool | None:
-        """Let go of the device; also where it is lost, or was never open.
+        """Release the device, even if it is lost or was never open.
 
         Parameters
         ----------
         finish : bool
-            First show what still waits; then alone may this raise `DeviceLost`, or return False: ask again.
+            Show the pictures that still wait first. Only then may it raise `DeviceLost`, or return False: call again.
         """

@@ -1,5 +1,5 @@
-"""What goes wrong between a program and a device."""
+"""Errors of devices."""
 
 
 class DeviceLost(ConnectionError):
-    """The device does not answer, or is gone; the text says so in a sentence, and what to do."""
+    """Raised where a device does not answer or is gone; the text names the remedy."""

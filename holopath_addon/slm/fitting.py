@@ -1,11 +1,11 @@
-"""A display and its camera found from captures of known levels: descent through the light's own propagation.
+"""Fit of a display and its camera to captures of known levels, through the propagation of light.
 
-Levenberg and Marquardt's least squares (Nocedal and Wright, Numerical Optimization, 2nd ed., section 10.3) of
+Levenberg-Marquardt least squares (Nocedal and Wright, Numerical Optimization, 2nd ed., section 10.3) of
 
     sum over captures and pixels of (predicted - captured)^2 / (captured + FLOOR)
 
-from coarse to fine: pictures are first compared blurred, which tells where they lie, and then as they are. The
-Jacobian is by differences, as there are few parameters.
+from coarse to fine: pictures are compared blurred at first, which locates them, and sharp in the end. The Jacobian
+is computed by finite differences, as there are few parameters.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from ..engine.pixels import Pitch
     from ..engine.progress import Progress
 
-# Captures that are looked at, in turns of all foci, 0 for all; the blur of pictures, camera pixels; most steps; and the
-# share of the loss that a step must gain; 0 in the end, where noise says it.
+# Captures to compare, in rounds of all foci, 0 for all; blur of the pictures, camera pixels; maximum number of steps;
+# minimum relative gain of a step, 0 for that of the noise
 STAGES = (
     (2, 4.0, 6, 1e-4),
     (2, 2.0, 6, 1e-4),
@@ -38,37 +39,37 @@ STAGES = (
     (8, 0.0, 8, 1e-4),
     (0, 0.0, 8, 0.0),
 )
-SIGN_STAGES = 2  # of them tell whether the phase rises or falls with the level: both are tried
-NOISE = 0.2  # of one parameter's noise, in the loss: a step that gains less is the last
-KNOTS = 8  # of the response, beside that of level 0
-FLOOR = 0.02  # of values: noise that does not grow with light
+SIGN_STAGES = 2  # first stages, which both signs of the response pass: the better one goes on
+NOISE_GAIN = 0.2  # times one parameter's noise in the loss: a step that gains less is the last
+KNOTS = 8  # of the response, besides that of level 0
+FLOOR = 0.02  # variance in units of values: noise that does not grow with light
 DIFFERENCE = 2e-3  # of a parameter's range
-MOST_DAMPING, LEAST = 1e6, 1e-9  # of Levenberg's and Marquardt's steps
-KEPT = 0.1  # of the loss: as long as a step gains as much, the Jacobian is kept
-DRIFT, LEAST_NOISE = 1.25, 1e-3  # times the noise that is drift; noise that any camera has
-BEYOND = 0.25  # of a range, how far out of it a parameter may be found
+MAX_DAMPING, MIN_DAMPING = 1e6, 1e-9
+REUSE_GAIN = 0.1  # relative gain above which the Jacobian is used for another step
+DRIFT, MIN_NOISE = 1.25, 1e-3  # times the noise that count as drift; noise that any camera has
+MARGIN = 0.25  # of a range, by which a parameter may leave it
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that is fitted.
+    """A parameter of the fit.
+
+    Steps change the value to the power of `exponent`: pictures depend on the square of the source's extent, and a
+    descent would stop at an extent of 0, where the slope vanishes.
 
     Attributes
     ----------
     name, unit : str
     low, high : float
-        Its range.
+        The typical range.
     part : str
-        What it changes: ``pixels``, ``relay``, ``source`` or ``sensor``.
-    since : int
-        The stage of `STAGES` from which on it is fitted.
-    least : float
-        What it cannot be below.
+        The part that it changes: ``pixels``, ``relay``, ``source`` or ``sensor``.
+    first_stage : int
+        The first of `STAGES` that fits it.
+    minimum : float
+        Physical lower bound.
     distance : float
-        The only focus at which it counts, metres; 0: at all.
-
-    Steps are taken of its `power`: pictures change with the square of the source's extent, whose own slope ends at 0,
-    and would hold a descent there.
+        The only focus that it affects, meters; 0 for all.
     """
 
     name: str
@@ -76,39 +77,41 @@ class Parameter:
     low: float
     high: float
     part: str
-    since: int
-    least: float = -math.inf
+    first_stage: int
+    minimum: float = -math.inf
     distance: float = 0.0
 
     @property
-    def power(self) -> int:
+    def exponent(self) -> int:
+        """Exponent of the value in steps of the fit."""
         return 2 if self.part == "source" else 1
 
     @property
     def span(self) -> float:
-        """Range of its power."""
-        return self.high**self.power - self.low**self.power
+        """Range of the value to the power of `exponent`."""
+        return self.high**self.exponent - self.low**self.exponent
 
     @property
-    def reach(self) -> tuple[float, float]:
-        """Between what it may be found: `BEYOND` its range, and not below `least`."""
-        room = BEYOND * (self.high - self.low)
-        return max(self.least, self.low - room), self.high + room
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the fit: the range and a `MARGIN` on both sides, at least `minimum`."""
+        room = MARGIN * (self.high - self.low)
+        return max(self.minimum, self.low - room), self.high + room
 
-    def moved(self, value: float, share: float) -> float:
-        """The value whose power is a share of `span` more; not below its reach."""
-        return max(value**self.power + share * self.span, self.reach[0] ** self.power) ** (1 / self.power)
+    def step(self, value: float, fraction: float) -> float:
+        """The value after a step by a fraction of `span`, at least the lower bound."""
+        exponent = self.exponent
+        return max(value**exponent + fraction * self.span, self.bounds[0] ** exponent) ** (1 / exponent)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A display and its camera.
+    """Parameters of a display and its camera.
 
     Attributes
     ----------
     model : DisplayModel
     knots : tuple of `KNOTS` floats
-        Phase in radians of evenly spaced levels, up to the highest; that of level 0 is 0.
+        Phase in radians of evenly spaced levels up to the highest; level 0 has phase 0.
     sensor : Sensor
     """
 
@@ -117,8 +120,8 @@ class Setup:
     sensor: Sensor
 
     def phases(self, bits: int) -> np.ndarray:
-        """Phase of each level, radians: a cubic spline through the knots."""
-        from scipy.interpolate import CubicSpline  # late, as it takes long to load
+        """Phase of each level of `bits` bits, radians: a cubic spline through the knots."""
+        from scipy.interpolate import CubicSpline  # here, as its import is slow
 
         at = np.linspace(0, 2**bits - 1, KNOTS + 1)
         return CubicSpline(at, (0.0, *self.knots), bc_type="natural")(np.arange(2**bits))
@@ -126,7 +129,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Capture:
-    """Levels that were shown, the focus, and what the camera then saw, values of 0 to 1."""
+    """Levels on the display, the focus in meters, and the camera's picture, values from 0 to 1."""
 
     levels: np.ndarray
     distance: float
@@ -134,12 +137,12 @@ class Capture:
 
 
 def even_knots(bits: int) -> tuple:
-    """Of an ideal display: even steps of a turn."""
+    """Knots of an ideal display: even steps of a turn."""
     return tuple(2 * math.pi * (1 - 2.0**-bits) * np.arange(1, KNOTS + 1) / KNOTS)
 
 
 def parameters(start: Setup) -> list[Parameter]:
-    """What is fitted, in the order of `vector`."""
+    """The parameters of the fit from a start, in the order of `vector`."""
     rows = [
         Parameter("position x", "half sides", -0.3, 0.3, "pixels", 2),
         Parameter("position y", "half sides", -0.3, 0.3, "pixels", 2),
@@ -178,7 +181,7 @@ def parameters(start: Setup) -> list[Parameter]:
 
 
 def vector(setup: Setup) -> np.ndarray:
-    """The parameters' values; homographies are those of what lies where the beam would go if it had no tilt."""
+    """The parameters' values of a setup; homographies are those of a beam without tilt, see `_along`."""
     model, sensor = setup.model, setup.sensor
     light = (
         *model.position, model.falloff, *model.tilt, model.size, model.bandwidth,
@@ -190,20 +193,14 @@ def vector(setup: Setup) -> np.ndarray:
 
 
 def setup_of(values: np.ndarray, start: Setup) -> Setup:
-    """The reverse of `vector`; what is not fitted is that of `start`."""
-    left = list(map(float, values))
+    """The inverse of `vector`; `start` has what is not fitted."""
+    remaining = iter(map(float, values))
 
     def take(count):
-        taken = tuple(left[:count])
-        del left[:count]
-        return taken
+        return tuple(islice(remaining, count))
 
-    position, (falloff,), tilt, (size, bandwidth, real, imaginary, crosstalk) = (
-        take(2),
-        take(1),
-        take(2),
-        take(5),
-    )
+    position, (falloff,), tilt = take(2), take(1), take(2)
+    size, bandwidth, real, imaginary, crosstalk = take(5)
     model = DisplayModel(
         start.model.wavelength, position, falloff, tilt, size, bandwidth, complex(real, imaginary), crosstalk,
         take(8), take(3), take(3),
@@ -215,27 +212,29 @@ def setup_of(values: np.ndarray, start: Setup) -> Setup:
 
 
 def _along(matrix, distance, model, sign):
-    """A homography, with or without the way to the side that the beam goes: fitted without, as both look alike."""
+    """Add (sign 1) or remove (-1) the beam's sideways path in a homography: the fit cannot tell them apart."""
     x, y = (sign * distance * sine / model.half for sine in model.tilt)
     a, b, c, d, e, f, g, h = matrix
     return a + x * g, b + x * h, c + x, d + y * g, e + y * h, f + y, g, h
 
 
 class Prediction:
-    """What the camera should see, and how that changes with the parameters.
+    """Prediction of the camera's pictures, and its derivatives by the parameters.
 
     Parameters
     ----------
     captures : sequence of Capture
+        Captures to compare with.
     start : Setup
+        The nominal setup.
     shape : (int, int)
         Rows and columns of the SLM.
     pitch : float or (float, float)
-        Metres.
+        Pixel pitch, meters.
     bits : int
-        Of a level.
+        Bits of a level.
     blur : float
-        Standard deviation, camera pixels, of a Gaussian by which pictures are compared.
+        Standard deviation, camera pixels, of the Gaussian that blurs pictures before they are compared.
     source : tuple
         See `DisplayLight`.
     """
@@ -254,48 +253,55 @@ class Prediction:
         self.captures, self.start, self.shape, self.pitch, self.bits = captures, start, shape, pitch, bits
         self.blur, self.parameters = blur, parameters(start)
         self._reach = max(start.sensor.homographies)
-        self._seen = np.array([self._blurred(each.picture) for each in captures])
-        self._weights = 1 / np.sqrt(np.array([each.picture for each in captures]) + FLOOR)
-        if blur:
-            self._weights = 1 / np.sqrt(self._seen + FLOOR)
-        weighted = self._weights * (self._seen - self._seen.mean())
-        self.variance, self.size = float(np.mean(weighted**2)), weighted.size
+        self._pictures = np.array([self._blur(each.picture) for each in captures])
+        self._weights = 1 / np.sqrt(self._pictures + FLOOR)
+        deviations = self._weights * (self._pictures - self._pictures.mean())
+        self.variance, self.size = float(np.mean(deviations**2)), deviations.size
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
-        """Errors by their noise, float32, flat."""
-        return self._look(setup_of(values, self.start))[0].ravel()
+        """Errors of all pixels in units of their noise, float32, flat."""
+        return self._predict(setup_of(values, self.start))[0].ravel()
 
     def jacobian(
-        self, values: np.ndarray, chosen: Sequence[int], told: Callable[[float], object]
+        self, values: np.ndarray, numbers: Sequence[int], on_progress: Callable[[float], object]
     ) -> np.ndarray:
-        """Change of the residuals with each chosen parameter's power over its range, shape (residual, chosen).
+        """Derivatives of the residuals by steps of some parameters, shape (residual, parameter).
 
-        It is that of light of the source's middle, but for the source's own extent: it only points the way,
-        and takes a fifth of the time. All are of the same light, or what nearly cancels would not.
+        Except for the source's own extent it is that of a point source, which takes a fifth of the time and is good
+        enough for a direction. All columns share this light: otherwise near cancellations would be lost.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            Values of all parameters.
+        numbers : sequence of int
+            Indices of the parameters to differentiate by.
+        on_progress : callable
+            ``on_progress(fraction)``, may raise `Cancelled`.
         """
-        base = self._look(setup_of(values, self.start))[0]
-        middle = self._look(_without_extent(setup_of(values, self.start)))
-        columns = np.zeros((len(chosen), base.size), np.float32)
-        for column, number in enumerate(chosen):
-            told(column / len(chosen))
+        base = self._predict(setup_of(values, self.start))[0]
+        point = self._predict(_point_source(setup_of(values, self.start)))
+        columns = np.zeros((len(numbers), base.size), np.float32)
+        for column, number in enumerate(numbers):
+            on_progress(column / len(numbers))
             parameter = self.parameters[number]
-            moved = values.copy()
-            moved[number] = parameter.moved(values[number], DIFFERENCE)
-            setup = setup_of(moved, self.start)
+            trial = values.copy()
+            trial[number] = parameter.step(values[number], DIFFERENCE)
+            setup = setup_of(trial, self.start)
             if parameter.part == "sensor":
                 at = [k for k, c in enumerate(self.captures) if parameter.distance in (0.0, c.distance)]
                 change = np.zeros_like(base)
-                change[at] = self._errors(setup, middle[2], at) - middle[0][at]
+                change[at] = self._errors(setup, point[2], at) - point[0][at]
             elif parameter.part == "source":
-                change = self._look(setup)[0] - base
+                change = self._predict(setup)[0] - base
             else:
-                spectra = middle[1] if parameter.part == "relay" else None
-                change = self._look(_without_extent(setup), spectra)[0] - middle[0]
+                spectra = point[1] if parameter.part == "relay" else None
+                change = self._predict(_point_source(setup), spectra)[0] - point[0]
             columns[column] = change.ravel() / DIFFERENCE
         return columns.T
 
-    def _look(self, setup, spectra=None):
-        """Residuals, and from which spectra and pictures."""
+    def _predict(self, setup, spectra=None):
+        """Residuals, and the spectra and pictures behind them."""
         light = DisplayLight(setup.model, self.shape, self.pitch, self._reach, self._source)
         if spectra is None:
             phases = setup.phases(self.bits)
@@ -307,91 +313,105 @@ class Prediction:
         return self._errors(setup, pictures, range(len(pictures))), spectra, pictures
 
     def _errors(self, setup, pictures, at):
-        """Residuals of some captures."""
-        errors = np.empty((len(at), *self._seen.shape[1:]), np.float32)
+        """Residuals of the captures of some numbers."""
+        errors = np.empty((len(at), *self._pictures.shape[1:]), np.float32)
         for error, number in zip(errors, at, strict=True):
             distance = self.captures[number].distance
-            seen = setup.sensor.sees(pictures[number], self.shape, GRID, distance, self.pitch)
-            error[:] = self._weights[number] * (self._blurred(np.minimum(seen, 1)) - self._seen[number])
+            values = setup.sensor.predict(pictures[number], self.shape, GRID, distance, self.pitch)
+            error[:] = self._weights[number] * (self._blur(np.minimum(values, 1)) - self._pictures[number])
         return errors
 
-    def _blurred(self, picture):
+    def _blur(self, picture):
         return scipy.ndimage.gaussian_filter(picture, self.blur) if self.blur else picture
 
 
-def _without_extent(setup):
+def _point_source(setup):
     return replace(setup, model=replace(setup.model, size=0.0, bandwidth=0.0))
 
 
 def descend(
     prediction: Prediction,
     values: np.ndarray,
-    chosen: Sequence[int],
+    numbers: Sequence[int],
     steps: int,
     tolerance: float,
-    told: Callable[[float, float], object],
+    on_progress: Callable[[float, float], object],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Levenberg's and Marquardt's way down.
+    """Levenberg-Marquardt minimization.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    values : numpy.ndarray
+        Values of all parameters to start at.
+    numbers : sequence of int
+        Indices of the parameters to fit.
+    steps : int
+        Maximum number of Jacobians.
+    tolerance : float
+        Relative gain of the last step.
+    on_progress : callable
+        ``on_progress(fraction, error)`` with the root mean square of the residuals, may raise `Cancelled`.
 
     Returns
     -------
     values, deviations : numpy.ndarray
-        The parameters, and the standard deviations that noise leaves those that were chosen; infinite for others.
+        Values of all parameters, and standard deviations due to noise; infinite for those that are not fitted.
     """
-    chosen, damping, step, kept = list(chosen), 1e-3, 0, False
+    numbers, damping, step, reuse = list(numbers), 1e-3, 0, False
     matrix, normal = np.empty((0, 0), np.float32), np.empty((0, 0))
     errors = prediction.residuals(values)
     square = float(errors @ errors)
-    while step < steps or kept:
-        if not kept:
-            look = partial(_told, told, step / steps, 1 / steps, math.sqrt(square / errors.size))
-            matrix = prediction.jacobian(values, chosen, look)
+    while step < steps or reuse:
+        if not reuse:
+            error = math.sqrt(square / errors.size)
+            matrix = prediction.jacobian(values, numbers, partial(_report, on_progress, step, steps, error))
             normal, step = (matrix.T @ matrix).astype(float), step + 1
         slope, before = (matrix.T @ errors).astype(float), square
-        while damping < MOST_DAMPING:
-            damped = normal + damping * np.diag(np.diag(normal) + LEAST * normal.trace() / len(normal))
-            tried = values.copy()
-            for number, share in zip(chosen, np.linalg.solve(damped, slope), strict=True):
+        while damping < MAX_DAMPING:
+            ridge = damping * np.diag(np.diag(normal) + MIN_DAMPING * normal.trace() / len(normal))
+            trial = values.copy()
+            for number, fraction in zip(numbers, np.linalg.solve(normal + ridge, slope), strict=True):
                 parameter = prediction.parameters[number]
-                tried[number] = min(parameter.moved(values[number], -share), parameter.reach[1])
-            found = prediction.residuals(tried)
-            new = float(found @ found)
+                trial[number] = min(parameter.step(values[number], -fraction), parameter.bounds[1])
+            new_errors = prediction.residuals(trial)
+            new = float(new_errors @ new_errors)
             if new < square:
-                values, square, errors, damping = tried, new, found, max(damping / 10, LEAST)
+                values, square, errors, damping = trial, new, new_errors, max(damping / 10, MIN_DAMPING)
                 break
-            if kept:
+            if reuse:
                 break
             damping *= 10
-        gained = (before - square) / before
-        if gained <= tolerance and not kept:
+        gain = (before - square) / before
+        if gain <= tolerance and not reuse:
             break
-        kept = gained > KEPT
-    freedom = max(1, errors.size - len(chosen))
+        reuse = gain > REUSE_GAIN
+    freedom = max(1, errors.size - len(numbers))
     deviations = np.full(len(values), np.inf)
-    shares = np.sqrt(np.diag(np.linalg.pinv(normal)) * square / freedom)
-    for number, share in zip(chosen, shares, strict=True):
-        deviations[number] = prediction.parameters[number].moved(values[number], share) - values[number]
+    fractions = np.sqrt(np.diag(np.linalg.pinv(normal)) * square / freedom)
+    for number, fraction in zip(numbers, fractions, strict=True):
+        deviations[number] = prediction.parameters[number].step(values[number], fraction) - values[number]
     return values, deviations
 
 
-def _told(told, begun, share, error, done):
-    told(begun + share * done, error)
+def _report(on_progress, step, steps, error, fraction):
+    on_progress(step / steps + 1 / steps * fraction, error)
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """What was found.
+class FitResult:
+    """Result of a fit.
 
     Attributes
     ----------
     setup : Setup
     parameters : list of Parameter
     values, deviations : numpy.ndarray
-        Of the parameters, and the standard deviation that noise leaves them.
+        Values of the parameters, and their standard deviations due to noise.
     error : float
         Root mean square of the residuals.
     explained : float
-        Share of the pictures' variance that the model explains.
+        Fraction of the pictures' variance that the model explains.
     """
 
     setup: Setup
@@ -409,52 +429,52 @@ def fit(
     pitch: Pitch,
     bits: int,
     progress: Progress | None = None,
-) -> Fitted:
-    """Find a display and its camera.
+) -> FitResult:
+    """Fit a display and its camera to captures.
 
     Parameters
     ----------
     captures : sequence of Capture
-        Of `patterns.patterns`, in their order.
+        Captures of `patterns.patterns`, in their order.
     start : Setup
-        What they are meant to be; the phase may as well fall.
+        The nominal setup; the sign of its response is fitted, too.
     shape : (int, int)
         Rows and columns of the SLM.
     pitch : float or (float, float)
-        Metres.
+        Pixel pitch, meters.
     bits : int
-        Of a level.
+        Bits of a level.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
     """
     progress = progress or (lambda done, message: None)
     prediction = Prediction(captures, start, shape, pitch, bits, source=SEVENTH)
     first, others = range(len(STAGES))[:SIGN_STAGES], range(len(STAGES))[SIGN_STAGES:]
-    passed, count = 0, 2 * len(first) + len(others)
+    done, count = 0, 2 * len(first) + len(others)
 
     def stages(numbers, start, values):
-        """The parameters after some stages, their deviations, and the mean square of the last residuals."""
-        nonlocal passed
-        found, foci = parameters(start), len(start.sensor.homographies)
-        extent = [number for number, p in enumerate(found) if p.part == "source"]
+        """The values after some stages, their deviations, and the mean square of the last residuals."""
+        nonlocal done
+        rows, foci = parameters(start), len(start.sensor.homographies)
+        extent = [number for number, p in enumerate(rows) if p.part == "source"]
         deviations, square = np.full(len(values), np.inf), math.inf
         for stage in numbers:
-            turns, blur, steps, tolerance = STAGES[stage]
-            chosen = [number for number, p in enumerate(found) if p.since <= stage]
-            coherent = [number for number in extent if number not in chosen]
-            tried = values.copy()
-            tried[coherent] = 0  # faster
-            source = SEVENTH if not (turns or blur) else FIFTH
-            some = Prediction(captures[: turns * foci or None], start, shape, pitch, bits, blur, source)
+            rounds, blur, steps, tolerance = STAGES[stage]
+            fitted = [number for number, p in enumerate(rows) if p.first_stage <= stage]
+            coherent = [number for number in extent if number not in fitted]
+            trial = values.copy()
+            trial[coherent] = 0  # faster
+            source = SEVENTH if not (rounds or blur) else FIFTH
+            some = Prediction(captures[: rounds * foci or None], start, shape, pitch, bits, blur, source)
 
-            def told(done, error, passed=passed):
-                progress((passed + done) / count, f"Fitting the display, {100 * error:.1f} % off")
+            def on_progress(fraction, error, done=done):
+                progress((done + fraction) / count, f"Fitting the display, {100 * error:.1f} % off")
 
-            tolerance = tolerance or NOISE / some.size
-            tried, deviations = descend(some, tried, chosen, steps, tolerance, told)
+            tolerance = tolerance or NOISE_GAIN / some.size
+            trial, deviations = descend(some, trial, fitted, steps, tolerance, on_progress)
             values = values.copy()
-            values[chosen] = tried[chosen]
-            square, passed = float(np.mean(some.residuals(tried) ** 2)), passed + 1
+            values[fitted] = trial[fitted]
+            square, done = float(np.mean(some.residuals(trial) ** 2)), done + 1
         return values, deviations, square
 
     starts = start, replace(start, knots=tuple(-knot for knot in start.knots))
@@ -465,31 +485,30 @@ def fit(
     errors = prediction.residuals(values)
     square = float(np.mean(errors**2))
     explained = 1 - square / prediction.variance
-    found = parameters(start)
-    return Fitted(setup_of(values, start), found, values, deviations, math.sqrt(square), explained)
+    setup = setup_of(values, start)
+    return FitResult(setup, parameters(start), values, deviations, math.sqrt(square), explained)
 
 
 def drift(captures: Sequence[Capture], references: Sequence[int]) -> tuple[int, int, float] | None:
-    """Whether a picture that is shown again and again changes by more than its noise.
+    """Find the first change of a repeated picture by more than its noise.
 
     Parameters
     ----------
     captures : sequence of Capture
     references : sequence of int
-        Numbers of those captures of one and the same picture; the first two, at once one after the other, say what
-        noise there is.
+        Numbers of the captures of one picture; the first two, taken in succession, give the noise.
 
     Returns
     -------
     (int, int, float) or None
-        The last capture that was as before, the first that was not, and how many times the noise it is off.
+        The last unchanged capture, the first changed one, and its difference in units of the noise.
     """
     first, again, *others = (np.asarray(captures[number].picture) for number in references)
     weights = 1 / np.sqrt((first + again) / 2 + FLOOR)
     noise = np.sqrt(np.mean((weights * (again - first)) ** 2))
     before = references[1]
     for number, picture in zip(references[2:], others, strict=True):
-        off = np.sqrt(np.mean((weights * (picture - first)) ** 2)) / max(noise, LEAST_NOISE)
+        off = np.sqrt(np.mean((weights * (picture - first)) ** 2)) / max(noise, MIN_NOISE)
         if off > DRIFT:
             return before, number, float(off)
         before = number

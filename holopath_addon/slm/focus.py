@@ -1,4 +1,4 @@
-"""Where the camera looks: planes at distances from the SLM, each with the motor's position that was found for it."""
+"""Focus planes of the camera: distances from the SLM, each with its calibrated motor position."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from ..engine.progress import Progress
 
 FORMAT, FORMAT_VERSION = "HoloPath focus planes", 1
-CAMERA_PATIENCE = 60.0  # seconds that a camera's command may take
+CAMERA_TIMEOUT = 60.0  # seconds that a camera's command may take
 
 
 @dataclass(frozen=True)
 class Plane:
-    """One plane.
+    """A focus plane.
 
     Attributes
     ----------
     distance : float
-        From the SLM, metres.
+        Distance from the SLM, meters.
     position : int or None
-        Of the motor, in its own steps; None: not calibrated yet.
+        Position of the motor, in its own steps; None where it is not calibrated.
     """
 
     distance: float
@@ -41,12 +41,17 @@ class Plane:
 
 @dataclass(frozen=True)
 class FocusPlanes:
-    """Planes in the order of their distances.
+    """Focus planes in the order of their distances.
+
+    Parameters
+    ----------
+    planes : tuple of Plane
+        In any order.
 
     Raises
     ------
     InvalidInput
-        If there is none, or two have one distance.
+        If there is none, or two have the same distance.
     """
 
     planes: tuple
@@ -55,25 +60,53 @@ class FocusPlanes:
         planes = tuple(sorted(self.planes, key=lambda plane: plane.distance))
         distances = [plane.distance for plane in planes]
         if not planes or not np.isfinite(distances).all() or len(set(distances)) < len(planes):
-            raise InvalidInput("A list of focus planes has at least one, each at a distance of its own.")
+            raise InvalidInput("Expected one or more focus planes, each at a different finite distance.")
         object.__setattr__(self, "planes", planes)
 
     @classmethod
     def spread(cls, first: float = 80e-3, last: float = 85e-3, count: int = 5) -> FocusPlanes:
-        """Even steps; by default those of the paper's prototype, 80 to 85 mm in steps of 1.25 mm (section 5)."""
+        """Evenly spaced planes; by default those of the paper's prototype (section 5).
+
+        Parameters
+        ----------
+        first, last : float
+            Distances of the first and the last plane, meters.
+        count : int
+            Number of planes.
+
+        Raises
+        ------
+        InvalidInput
+        """
         if count < 1 or (count > 1 and last <= first):
-            raise InvalidInput("Focus planes run from a nearer to a farther distance, and are one or more.")
+            raise InvalidInput(
+                "Expected one or more focus planes from a nearer to a farther distance, got "
+                f"{count} from {first * 1e3:g} to {last * 1e3:g} mm."
+            )
         return cls(tuple(Plane(round(float(z), 9)) for z in np.linspace(first, last, count)))
 
-    def calibrated(self, number: int, position: int) -> FocusPlanes:
-        """These planes, one of them with the position at which the camera was seen to be in focus."""
+    def with_position(self, number: int, position: int) -> FocusPlanes:
+        """These planes, with a new motor position of one of them.
+
+        Parameters
+        ----------
+        number : int
+            Index of the plane.
+        position : int
+            Motor position at which the camera is in focus.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such plane.
+        """
         self._check(number)
         planes = list(self.planes)
         planes[number] = replace(planes[number], position=int(position))
         return FocusPlanes(tuple(planes))
 
     def position(self, number: int) -> int:
-        """Of the motor for a plane.
+        """Motor position of the plane of an index.
 
         Raises
         ------
@@ -84,34 +117,34 @@ class FocusPlanes:
         plane = self.planes[number]
         if plane.position is None:
             raise InvalidInput(
-                f"Focus plane {number} ({plane.distance * 1e3:g} mm) has no position yet: focus the camera there, then "
-                "store where the motor is."
+                f"Focus plane {number} ({plane.distance * 1e3:g} mm) has no motor position yet. Focus the camera "
+                "there, then store the position."
             )
         return plane.position
 
     def position_at(self, distance: float) -> int:
-        """Of the motor for any distance between calibrated planes, on the line between the two nearest.
+        """Motor position at a distance in meters, interpolated linearly between calibrated planes.
 
         Raises
         ------
         InvalidInput
-            If it lies outside them.
+            If the distance lies outside the calibrated planes.
         """
-        known = [plane for plane in self.planes if plane.position is not None]
-        if not known or not known[0].distance - 1e-9 <= distance <= known[-1].distance + 1e-9:
+        usable = [plane for plane in self.planes if plane.position is not None]
+        if not usable or not usable[0].distance - 1e-9 <= distance <= usable[-1].distance + 1e-9:
             within = (
-                f"{known[0].distance * 1e3:g} to {known[-1].distance * 1e3:g} mm"
-                if known
+                f"{usable[0].distance * 1e3:g} to {usable[-1].distance * 1e3:g} mm"
+                if usable
                 else "none is calibrated"
             )
             raise InvalidInput(
-                f"The distance {distance * 1e3:g} mm lies outside the calibrated planes ({within})."
+                f"Expected a distance within the calibrated planes ({within}), got {distance * 1e3:g} mm."
             )
-        return round(float(np.interp(distance, [p.distance for p in known], [p.position for p in known])))
+        return round(float(np.interp(distance, [p.distance for p in usable], [p.position for p in usable])))
 
     def _check(self, number):
         if not 0 <= number < len(self.planes):
-            raise InvalidInput(f"There is no focus plane {number}: they are 0 to {len(self.planes) - 1}.")
+            raise InvalidInput(f"Expected a focus plane from 0 to {len(self.planes) - 1}, got {number}.")
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file.
@@ -121,7 +154,7 @@ class FocusPlanes:
         OSError
         """
         path = Path(path)
-        said = {
+        data = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             "planes": [
@@ -129,7 +162,7 @@ class FocusPlanes:
             ],
         }
         part = path.with_name(f".part-{path.name}")
-        part.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
         os.replace(part, path)
 
     @classmethod
@@ -141,15 +174,15 @@ class FocusPlanes:
         InvalidInput
         """
         try:
-            said = json.loads(Path(path).read_text(encoding="utf-8"))
-            if said["format"] != FORMAT or said["format_version"] != FORMAT_VERSION:
-                raise ValueError("another format, or a newer one")
-            return cls(tuple(_plane(row) for row in said["planes"]))
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+            if data["format"] != FORMAT or data["format_version"] != FORMAT_VERSION:
+                raise ValueError("another format, or a newer version")
+            return cls(tuple(_plane(row) for row in data["planes"]))
         except InvalidInput as error:
             raise InvalidInput(f"The focus planes {path}: {error}") from None
-        except Exception as error:  # there is no end to what a file may hold
+        except Exception as error:  # a file may hold anything
             raise InvalidInput(
-                f"The focus planes {path} cannot be read ({error}): see docs/slm.md."
+                f"The focus planes {path} cannot be read ({error}). See docs/slm.md."
             ) from None
 
 
@@ -164,15 +197,15 @@ def sweep(
     capture: Callable[[int], Any],
     progress: Progress | None = None,
 ) -> None:
-    """Look at every plane in turn.
+    """Focus on each plane in turn and take a picture.
 
     Parameters
     ----------
     planes : FocusPlanes
     move : callable
-        ``move(number)`` moves the camera's focus to a plane and returns when it stands.
+        ``move(number)`` moves the camera's focus to a plane and returns when the motor has stopped.
     capture : callable
-        ``capture(number)`` takes a picture, whatever the camera: the hook for a user's own.
+        ``capture(number)`` takes a picture by any camera.
     progress : callable, optional
         ``progress(done, message)``, may raise `engine.Cancelled`.
     """
@@ -184,36 +217,37 @@ def sweep(
 
 
 def run_camera(command: str, file: Path, number: int, distance: float) -> None:
-    """Have a user's own program take a picture.
+    """Run a user's own program that takes a picture.
 
     Parameters
     ----------
     command : str
-        Words as in a shell, though none is used; ``{file}``, ``{plane}`` and ``{mm}`` stand for the arguments below.
+        Words quoted as in a shell, though none is used; ``{file}``, ``{plane}`` and ``{mm}`` stand for the arguments
+        below.
     file : pathlib.Path
-        Where it writes the picture.
+        The picture that it writes.
     number : int
-        Of the focus plane.
+        Index of the focus plane.
     distance : float
-        Of it, metres.
+        Distance of the plane, meters.
 
     Raises
     ------
     InvalidInput
-        If it does not run, fails, or writes nothing.
+        If the program does not run, fails, or writes no file.
     """
     try:
         split = shlex.split(command, posix=os.name != "nt")  # Windows has backslashes in its paths
         words = [word.strip('"').format(file=file, plane=number, mm=f"{distance * 1e3:g}") for word in split]
         Path(file).unlink(missing_ok=True)
         done = subprocess.run(
-            words, capture_output=True, text=True, errors="replace", timeout=CAMERA_PATIENCE, check=False,
+            words, capture_output=True, text=True, errors="replace", timeout=CAMERA_TIMEOUT, check=False,
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )  # fmt: skip
     except (OSError, LookupError, AttributeError, ValueError, subprocess.TimeoutExpired) as error:
         raise InvalidInput(
-            f"The camera's command `{command}` does not run ({error}): see docs/slm.md."
+            f"The camera's command `{command}` does not run ({error}). See docs/slm.md."
         ) from error
     if done.returncode != 0 or not Path(file).exists():
-        said = (done.stderr.strip().splitlines() or ["it wrote no file"])[-1]
-        raise InvalidInput(f"The camera's command `{command}` took no picture at plane {number}: {said}.")
+        reason = (done.stderr.strip().splitlines() or ["it wrote no file"])[-1]
+        raise InvalidInput(f"The camera's command `{command}` took no picture at plane {number}: {reason}.")

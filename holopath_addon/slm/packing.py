@@ -1,4 +1,4 @@
-"""How a picture holds holograms: in its channels, in their bits, and as levels that are spread over both."""
+"""Packing of holograms into pictures: in channels, in their bits, or as levels spread over both."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from ..engine.waves.bit_layout import LAYOUTS, BitLayout, layout_beside
 
 @dataclass(frozen=True)
 class Packing(Choice):
-    """How holograms share a picture.
+    """A layout of holograms in a picture.
 
     Attributes
     ----------
-    each, most_bits : int
-        So many of them, and most bits of their levels.
+    each : int
+        Number of holograms in a picture.
+    max_bits : int
+        Maximum number of bits of their levels.
     memory : tuple of int
-        Where the bits of a level are apart: what the electrodes of a pixel are given for each level.
+        States of a pixel's electrodes for each level, one bit an electrode; empty where levels are not split.
     cells : tuple of tuple of int
-        And which bit of that each of them takes, row by row from the top.
+        The bit of that state at each electrode, row by row from the top.
     mirrored : bool
         Whether a picture of electrodes is mirrored left and right.
     layout : BitLayout or None
-        Which bits of which channels a level is spread over.
+        The bits of the channels that a level is spread over.
     """
 
     each: int
-    most_bits: int
+    max_bits: int
     memory: tuple = ()
     cells: tuple = ((0,),)
     mirrored: bool = False
@@ -38,42 +40,43 @@ class Packing(Choice):
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Columns and rows of the picture that a hologram's pixel takes."""
+        """Columns and rows of the picture per pixel of a hologram."""
         return len(self.cells[0]), len(self.cells)
 
     @property
     def own_bits(self) -> bool:
-        """Whether the bits of levels are not those of a picture's channel."""
+        """Whether levels are not simply a picture's channel."""
         return bool(self.memory) or self.layout is not None
 
     def require(self, bits: int) -> None:
-        """Refuse levels of bits that do not go into such pictures.
+        """Refuse levels whose number of bits does not fit the packing.
 
         Raises
         ------
         InvalidInput
         """
-        if self.layout is not None and bits != self.most_bits:
+        if self.layout is not None and bits != self.max_bits:
             raise InvalidInput(
-                f"The packing {self.name} takes levels of {self.most_bits} bits, these have {bits}: choose another "
-                f"packing, or say bits of {self.most_bits} in the calibration or by --bits."
+                f"The packing {self.name} takes levels of {self.max_bits} bits, got {bits}. Choose another packing, or "
+                f"set {self.max_bits} bits in the calibration or by --bits."
             )
-        if bits > self.most_bits:
+        if bits > self.max_bits:
             raise InvalidInput(
-                f"The packing {self.name} takes levels of {self.most_bits} bit{'s' if self.most_bits > 1 else ''} at "
-                f"most, the calibration says {bits}: choose another packing, or give bits in a calibration."
+                f"The packing {self.name} takes levels of at most {self.max_bits} "
+                f"bit{'s' if self.max_bits > 1 else ''}, got {bits}. Choose another packing, or set the bits in a "
+                "calibration."
             )
 
     def spread(self, levels: np.ndarray) -> np.ndarray:
-        """Zeros and ones of all electrodes, shape (rows y, columns x)."""
+        """States, 0 or 1, of all electrodes for levels of shape (y, x); shape (rows y, columns x)."""
         memory, (columns, rows) = np.array(self.memory, np.uint8)[levels], self.grid
         plane = np.empty((levels.shape[0] * rows, levels.shape[1] * columns), np.uint8)
         for y, x in np.ndindex(rows, columns):
             plane[y::rows, x::columns] = memory >> np.uint8(self.cells[y][x]) & np.uint8(1)
         return plane[:, ::-1] if self.mirrored else plane
 
-    def gathered(self, plane: np.ndarray) -> np.ndarray:
-        """The levels of electrodes; the reverse of `spread`."""
+    def gather(self, plane: np.ndarray) -> np.ndarray:
+        """Levels of the states of all electrodes: the inverse of `spread`."""
         plane, (columns, rows) = plane[:, ::-1] if self.mirrored else plane, self.grid
         memory = sum(
             plane[y::rows, x::columns] << np.uint8(self.cells[y][x]) for y, x in np.ndindex(rows, columns)
@@ -81,8 +84,8 @@ class Packing(Choice):
         return np.argsort(self.memory).astype(np.uint8)[memory]
 
 
-# For the heights of a mirror of Texas Instruments' phase light modulators from the lowest on, and where its four
-# electrodes lie: the devices p67 and p47 of their package ti_plm 1.1.0.
+# Texas Instruments' phase light modulators: states of a mirror's electrodes from the lowest height on, and the places
+# of its four electrodes. Source: devices p67 and p47 of TI's package ti_plm 1.1.0
 HEIGHTS = (3, 2, 1, 7, 0, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12)
 PLM_067, PLM_047 = ((1, 3), (0, 2)), ((2, 3), (0, 1))
 PACKINGS = {
@@ -151,12 +154,12 @@ PACKINGS = {
 
 
 def packing_of(name: str) -> Packing:
-    """The packing of a name, or of the bits of channels that levels are spread over.
+    """Find a packing by its name, or make one of bits of channels.
 
     Parameters
     ----------
     name : str
-        Of `PACKINGS`, or bits of channels such as ``R7-5,G7-5,B7-4``; see `engine.waves.bit_layout.bit_layout`.
+        A key of `PACKINGS`, or bits of channels such as ``R7-5,G7-5,B7-4``; see `engine.waves.bit_layout.bit_layout`.
 
     Raises
     ------
@@ -172,17 +175,17 @@ def packing_of(name: str) -> Packing:
 
 
 def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarray:
-    """Put holograms into one picture, as devices take them.
+    """Put holograms into one picture.
 
     Parameters
     ----------
     levels : sequence of numpy.ndarray, uint8 or uint16, shape (y, x)
-        As many as the packing takes.
+        As many as the packing holds.
     packing : str
         See `packing_of`.
     order : str
-        In which channels are shown: the first holograms go into the first; within one, the lowest bit first. Where
-        levels are spread over channels it does not count.
+        Order in which the device shows channels: the first holograms go into the first, from the lowest bit on.
+        Ignored where levels are spread over channels.
 
     Returns
     -------
@@ -203,7 +206,15 @@ def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarr
 
 
 def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.ndarray]:
-    """The holograms in a picture, in the order in which they are shown; the reverse of `pack`."""
+    """Levels of the holograms in a picture, in the order of display: the inverse of `pack`.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Result of `pack`.
+    packing, order : str
+        See `pack`.
+    """
     if packing == "time":
         return [picture]
     kind = packing_of(packing)
@@ -212,4 +223,4 @@ def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.nda
     channels = [picture[..., "RGB".index(c)] for c in order]
     if not kind.memory:
         return channels
-    return [kind.gathered(channel >> np.uint8(bit) & np.uint8(1)) for channel in channels for bit in range(8)]
+    return [kind.gather(channel >> np.uint8(bit) & np.uint8(1)) for channel in channels for bit in range(8)]

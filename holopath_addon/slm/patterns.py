@@ -1,4 +1,4 @@
-"""What a display is shown to be known: flat fields, gratings, dots and random levels, at each focus of the camera."""
+"""Calibration patterns: flat fields, gratings, dots and random levels, at each focus of the camera."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from ..engine.pixels import Pitch
 
-DOTS, APART = 9, 0.18  # dots of a picture, and their least distance in shares of the shorter side
-REFERENCE = 16  # captures after which the first picture is looked at again
+DOTS, MIN_SPACING = 9, 0.18  # dots of a picture, and their minimum distance as a fraction of the shorter side
+REFERENCE = 16  # captures after which the first picture is repeated
 
 
 def patterns(
@@ -28,40 +28,43 @@ def patterns(
     count: int = 64,
     seed: int = 0,
 ) -> list[tuple[np.ndarray, float]]:
-    """Levels and the distance at which they are looked at.
+    """Patterns and the distance at which each is captured.
 
-    Of each focus in turn: a picture of dots, which are sharp there, says where the camera looks and what aberrates;
-    gratings and flat fields say the response and what is unmodulated; random levels, of single pixels and of blocks,
-    say all the rest and the same once more. The first picture comes again at once, which says what noise there is, at
-    the end and after every `REFERENCE` captures, so that drift is seen.
+    The foci take turns. Dots, which are sharp at the focus, locate the camera's view and show aberrations. Gratings and
+    flat fields show the response and the unmodulated light. Random levels, of single pixels and of blocks, constrain
+    everything else. The first picture is repeated at once, which shows the noise, and at the end and every `REFERENCE`
+    captures, which shows drift.
 
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns.
+        Rows and columns of the patterns.
     bits : int
-        Of a level.
+        Bits of a level.
     pitch : float or (float, float)
+        Pixel pitch, meters.
     wavelength : float
-        Metres.
+        Meters.
     distances : sequence of float
-        Of the foci from the SLM, metres.
+        Distances of the foci from the SLM, meters.
     count : int
-        Of all captures.
+        Number of captures, repetitions included.
     seed : int
+        Seed of dots and random levels.
 
     Returns
     -------
     list of (numpy.ndarray, float)
+        Levels, uint8 or uint16, shape (y, x), and the distance in meters.
     """
     rng = np.random.default_rng(seed)
     top = 2**bits - 1
-    shown = []
+    result = []
     repeats = set(references(count)[1:])
     number = 0
-    while len(shown) < count:
-        if len(shown) in repeats:
-            shown.append(shown[0])
+    while len(result) < count:
+        if len(result) in repeats:
+            result.append(result[0])
             continue
         distance = distances[number % len(distances)]
         turn = number // len(distances)
@@ -75,31 +78,31 @@ def patterns(
             side = (1, 1, 2, 4)[turn % 4]
             blocks = rng.integers(0, top + 1, [-(-n // side) for n in shape])
             levels = np.repeat(np.repeat(blocks, side, 0), side, 1)[: shape[0], : shape[1]]
-        shown.append((np.asarray(levels).astype(np.uint8 if bits <= 8 else np.uint16), distance))
+        result.append((np.asarray(levels).astype(np.uint8 if bits <= 8 else np.uint16), distance))
         number += 1
-    return shown
+    return result
 
 
 def references(count: int) -> list[int]:
-    """Numbers of the captures of the first picture, among so many."""
+    """Numbers of the captures of the first picture among `count` captures."""
     return sorted({0, 1, *range(1 + REFERENCE, count, REFERENCE), count - 1})
 
 
 def _dots(shape, bits, pitch, wavelength, distance, rng):
-    """Phases, as levels of an ideal display, of light from dots at a distance, each of a random phase."""
+    """Levels of an ideal display that shows dots of random phases at a distance."""
     sources = np.zeros(shape, np.complex64)
-    at: list[np.ndarray] = []
+    dots: list[np.ndarray] = []
     for _ in range(100 * DOTS):
         new = rng.integers(0.15 * np.array(shape), 0.85 * np.array(shape))
-        if len(at) < DOTS and all(math.dist(new, each) > APART * min(shape) for each in at):
-            at.append(new)
+        if len(dots) < DOTS and all(math.dist(new, each) > MIN_SPACING * min(shape) for each in dots):
+            dots.append(new)
             sources[tuple(new)] = np.exp(2j * math.pi * rng.random())
     light = propagate(sources, -distance, pitch, wavelength)
     return grey_levels(np.mod(np.angle(light), 2 * math.pi), bits)
 
 
 def _grating(shape, levels, number, rng):
-    """Bars, across or down, of 2 to 4 pixels."""
+    """Bars of 2 to 4 pixels, horizontal or vertical."""
     bar = rng.integers(2, 5)
     y, x = np.indices(shape)
     return np.where((x if number % 2 else y) // bar % 2, *levels)

@@ -1,4 +1,4 @@
-"""Which pictures are sent to a device, and in what order."""
+"""Sequences of pictures for a device."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ if TYPE_CHECKING:
     from ..engine.encoding.phase_hologram import PhaseHologram
 
 
-MOST_BYTES = 512 << 20  # of pictures that are kept
+MAX_CACHE_BYTES = 512 << 20  # of pictures
 
 
 class Sequence:
-    """Holograms as pictures, one round of them.
+    """One round of pictures that show holograms.
 
-    A round shows every hologram `repeats` times, and each time every frame and wavelength of it the same number of
-    times, so that what the eye averages is balanced: eight frames in pictures of three take eight pictures.
+    A round shows every hologram `repeats` times, and each time all of its frames and wavelengths equally often, so that
+    the eye's average is balanced: eight frames in pictures of three take eight pictures.
 
     Parameters
     ----------
     holograms : sequence of engine.PhaseHologram
-        More than one: an animation. All of one size and with the same wavelengths.
+        Several make an animation. All have the same size and wavelengths.
     calibration : Calibration, optional
-        Default: even steps of one turn, of as many bits and pixels as the device has. Packings for PLMs have none.
+        Default: even steps of one turn, with the bits and pixels of the device. Packings for PLMs have no default.
     packing : str
         See `packing_of`.
     order : str
         See `pack`.
     repeats : int
-        Times that each hologram is shown before the next.
+        Number of times that each hologram is shown before the next.
     falling : bool
-        Whether the phase falls as the level rises; a calibration says it itself.
+        Whether the phase falls as the level rises. Set it only without a calibration, which has its own.
 
     Raises
     ------
     InvalidInput
-        If the holograms differ, or their levels do not go into such pictures.
+        If the holograms differ, or their levels do not fit the packing.
     """
 
     def __init__(
@@ -62,16 +62,14 @@ class Sequence:
     ) -> None:
         self.holograms = list(holograms)
         if not self.holograms:
-            raise InvalidInput("There is no hologram to show: encode one first.")
+            raise InvalidInput("There is no hologram to show. Encode one first.")
         self.packing, self.order, self._packing = packing, order, packing_of(packing)
         if sorted(order) != sorted("RGB"):
-            raise InvalidInput(f"The order of channels is RGB in some order, not {order}.")
+            raise InvalidInput(f"Expected an order of the channels R, G and B, got {order}.")
         if self._packing.layout is not None and order != "RGB":
-            raise InvalidInput(
-                f"The packing {packing} names its channels itself: leave out the order {order}."
-            )
+            raise InvalidInput(f"The packing {packing} names its channels itself. Omit the order {order}.")
         if repeats < 1:
-            raise InvalidInput(f"A hologram is shown at least once, not {repeats} times.")
+            raise InvalidInput(f"Repeats must be at least 1, got {repeats}.")
         first = self.holograms[0]
         for number, other in enumerate(self.holograms):
             if (
@@ -79,134 +77,128 @@ class Sequence:
                 or other.hologram.wavelengths != first.hologram.wavelengths
             ):
                 raise InvalidInput(
-                    f"Hologram {number} has another size or wavelengths than the first: render it alike."
+                    f"Hologram {number} differs from the first in size or wavelengths. Render both alike."
                 )
         if calibration is None and self._packing.grid != (1, 1):
             raise InvalidInput(
-                f"The levels of a device for the packing {packing} are not even: give its calibration, see docs/slm.md."
+                f"The levels of a device for the packing {packing} are uneven. Give its calibration, see docs/slm.md."
             )
         self._any_bits = calibration is None and not self._packing.own_bits
         if falling and calibration is not None:
             raise InvalidInput(
-                'A calibration says itself whether phases fall: write "falling": true into it, not the switch.'
+                'A calibration has its own falling. Write "falling": true into it, and omit the switch.'
             )
-        most = self._packing.most_bits
-        own = most if self._packing.layout is not None else min(most, 8)
-        self.calibration = calibration or Calibration(bits=own, falling=falling)
-        self._free = self.calibration.size is None
+        max_bits = self._packing.max_bits
+        bits = max_bits if self._packing.layout is not None else min(max_bits, 8)
+        self.calibration = calibration or Calibration(bits=bits, falling=falling)
+        self._any_size = self.calibration.size is None
         self._packing.require(self.calibration.bits)
         frames, wavelengths = first.data.shape[:2]
-        self._shown = [(m, k) for m in range(frames) for k in range(wavelengths)]
+        self._parts = [(m, k) for m in range(frames) for k in range(wavelengths)]
         self.each = self._packing.each
-        self._of_one = math.lcm(len(self._shown), self.each) // self.each
+        self._pictures_once = math.lcm(len(self._parts), self.each) // self.each
         self._repeats = repeats
-        self._tables, self._kept, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()
+        self._tables, self._cache, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()
 
     def __len__(self) -> int:
-        """Pictures of a round."""
+        """Number of pictures in a round."""
         return len(self.holograms) * self.pictures_each
 
     @property
     def pictures_each(self) -> int:
-        """Pictures in which a hologram is shown before the next, its repeats included."""
-        return self._repeats * self._of_one
+        """Number of pictures of one hologram, its repeats included."""
+        return self._repeats * self._pictures_once
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures."""
+        """Width and height of the pictures in pixels."""
         (width, height), (columns, rows) = self._pixels, self._packing.grid
         return width * columns, height * rows
 
     @property
     def _pixels(self):
-        """Of the device, the calibration's or the hologram's."""
+        """Width and height of the device: the calibration's, else the hologram's."""
         hologram = self.holograms[0].hologram
         return tuple(self.calibration.size or (hologram.width, hologram.height))
 
     def fit(self, width: int, height: int, bits: int = 0, name: str = "the device") -> None:
-        """Make pictures of a device's size and bits, with the hologram in the middle, where no calibration says others.
+        """Adapt the pictures to a device's size and bits, with the hologram in the center.
 
         Parameters
         ----------
         width, height : int
-            Of a picture.
+            Size of a picture in pixels; 0 for any.
         bits : int
-            Of the device's levels; 0: any.
+            Bits of the device's levels; 0 for any.
         name : str
-            Of the device, for messages.
+            Name of the device, for messages.
 
         Raises
         ------
         InvalidInput
-            If it says others, or the hologram is larger.
+            If the calibration has another size or other bits, or the hologram is larger.
         """
         if bits and self._any_bits and self.each == 1 and bits != self.calibration.bits:
             self.calibration = replace(self.calibration, bits=bits)
             self._forget()
         if bits and not self._packing.own_bits and bits != self.calibration.bits:
             raise InvalidInput(
-                f"The levels have {self.calibration.bits} bits, {name} takes {bits}: give the calibration, or bits, "
-                "that belong to it."
+                f"The levels have {self.calibration.bits} bits, {name} takes {bits}. Give its calibration or bits."
             )
         if not width:
             return
         columns, rows = self._packing.grid
         if width % columns or height % rows:
             raise InvalidInput(
-                f"The packing {self.packing} takes {columns} x {rows} pixels of a picture for each of the device: "
-                f"{width} x {height} are no multiple of it, choose another packing or monitor."
+                f"The packing {self.packing} takes {columns} x {rows} pixels of a picture per pixel of the device, "
+                f"and {width} x {height} is not a multiple. Choose another packing or monitor."
             )
         width, height = width // columns, height // rows
         hologram = self.holograms[0].hologram
-        if self._free and (hologram.width > width or hologram.height > height):
+        if self._any_size and (hologram.width > width or hologram.height > height):
             raise InvalidInput(
-                f"The hologram has {hologram.width} x {hologram.height} pixels, the device only {width} x {height}: "
-                "render it for this device, or choose another."
+                f"The hologram has {hologram.width} x {hologram.height} pixels, the device only {width} x {height}. "
+                "Render it for this device, or choose another."
             )
-        if self._free and self._pixels != (width, height):
+        if self._any_size and self._pixels != (width, height):
             self.calibration = replace(self.calibration, size=(width, height))
             self._forget()
         if self._pixels != (width, height):
             own = self._pixels
             raise InvalidInput(
-                f"The calibration is of a device of {own[0]} x {own[1]} pixels, this one has {width} x "
-                f"{height}: give the calibration that belongs to it."
+                f"The calibration is for a device of {own[0]} x {own[1]} pixels, this one has {width} x {height}. Give "
+                "the calibration of this device."
             )
 
     def _forget(self):
-        """The pictures that were made for another device."""
-        self._kept.clear()
+        """Drop cached pictures and tables of another device."""
+        self._cache.clear()
         self._tables.clear()
         self._bytes = 0
 
     def picture(self, number: int) -> Picture:
-        """The picture of that number, counted on through the rounds.
-
-        Returns
-        -------
-        Picture
-        """
+        """Make the picture of a number, which counts through all rounds."""
         at = number % len(self)
-        key = at // self.pictures_each, at % self._of_one
+        key = at // self.pictures_each, at % self._pictures_once
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        picture = self._made(*key)
+            if key in self._cache:
+                self._cache.move_to_end(key)
+                return self._cache[key]
+        picture = self._make(*key)
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = picture
+            if key not in self._cache:
+                self._cache[key] = picture
                 self._bytes += picture.pixels.nbytes
-            while self._bytes > MOST_BYTES and len(self._kept) > 1:
-                _, old = self._kept.popitem(last=False)
+            while self._bytes > MAX_CACHE_BYTES and len(self._cache) > 1:
+                _, old = self._cache.popitem(last=False)
                 self._bytes -= old.pixels.nbytes
         return picture
 
-    def _made(self, index, place):
+    def _make(self, index, place):
         hologram = self.holograms[index]
         wavelengths = hologram.hologram.wavelengths
         begin = place * self.each
-        parts = tuple(self._shown[n % len(self._shown)] for n in range(begin, begin + self.each))
+        parts = tuple(self._parts[n % len(self._parts)] for n in range(begin, begin + self.each))
         levels = [
             self.calibration.levels(hologram.data[m, k], wavelengths[k], self._table(wavelengths[k]))
             for m, k in parts

@@ -1,4 +1,4 @@
-"""Responses of devices from files of text: a list of phases, or a table of level and phase."""
+"""Responses of devices in text files: a list of phases, or a table of level and phase."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.errors import InvalidInput
 
 MAX_TURNS = 20  # of a response
 MAX_LEVELS = 1 << 16
-# Radians in the units that a header may name, in brackets, behind "in" or behind "unit"
+# Radians per unit that a header may name, in brackets, after "in" or after "unit"
 UNITS = {
     **dict.fromkeys(("rad", "radian", "radians"), 1.0),
     **dict.fromkeys(("mrad", "milliradians"), 1e-3),
@@ -25,17 +25,17 @@ UNITS = {
     ),
 }
 UNIT = re.compile(r"[(\[]([^)\]]*)[)\]]|\bin\s+([\wπ°]+)|\bunits?\b\s*[:=]?\s*([\wπ° ]+)")
-# Radians. A response of less may as well be one of about a turn that is written in turns or in units of pi
+# Radians. A smaller span is ambiguous: it may be about one turn in units of turns or of pi
 MIN_CLEAR_SPAN = 4.0
 
 
 def read_response(path: Path | str) -> np.ndarray:
-    """Phases in radians of a device's levels, of a text file.
+    """Read the phase of each level from a text file.
 
-    One phase for each level, in any layout; or lines of level and phase, with all levels or some from 0 to 2^N - 1,
-    between which lines are drawn. Numbers are apart by spaces, tabs, commas or semicolons; beside semicolons and tabs a
-    comma is a decimal point. Lines of words, and what follows a #, are a header, which may name the unit in brackets:
-    rad, mrad, deg, turns (waves, 2 pi), or pi.
+    The file has one phase per level, in any layout; or lines of level and phase, for all levels or some from 0 to
+    2^N - 1, which are interpolated linearly. Spaces, tabs, commas or semicolons separate numbers; with semicolons or
+    tabs a comma is a decimal point. Lines of words, and text after #, are a header, which may name the unit in
+    brackets: rad, mrad, deg, turns (waves, 2 pi), or pi.
 
     Parameters
     ----------
@@ -44,29 +44,30 @@ def read_response(path: Path | str) -> np.ndarray:
     Returns
     -------
     numpy.ndarray, float64, shape (level,)
+        Radians.
 
     Raises
     ------
     InvalidInput
-        If it cannot be read, or can be read in two ways.
+        If the file cannot be read, or can be read in two ways.
     """
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InvalidInput(f"The response {path} cannot be read ({reason}): give a text file.") from error
+        raise InvalidInput(f"The response {path} cannot be read ({reason}). Give a text file.") from error
     rows, header = _rows(path, text)
     numbers = _phases_of(path, rows)
     if len(numbers) < 2 or not np.isfinite(numbers).all():
-        _refuse(path, "holds no phases of levels: write two or more, one a line")
+        _refuse(path, "has no phases of levels. Write two or more, one per line")
     unit = _unit(path, header)
-    drive = unit is None and _whole(numbers) and np.abs(numbers).max() > 2 * math.pi * MAX_TURNS
-    if path.suffix.lower() == ".lut" or drive:
+    voltages = unit is None and _whole(numbers) and np.abs(numbers).max() > 2 * math.pi * MAX_TURNS
+    if path.suffix.lower() == ".lut" or voltages:
         _refuse(
             path,
-            "says which voltage each level has, and not which phase: load it into the device by its maker's program, "
-            "and leave out the response, as its levels then are even steps of a turn",
+            "gives the voltage of each level, not its phase. Load it into the device by its maker's program, and omit "
+            "the response, as its levels then are even steps of a turn",
         )
     if unit is None:
         span = float(np.ptp(numbers))
@@ -74,25 +75,25 @@ def read_response(path: Path | str) -> np.ndarray:
         if span < MIN_CLEAR_SPAN and not binary:
             _refuse(
                 path,
-                f"spans {span:.3g}, which may be radians, turns, or units of pi: name the unit in a first line, as "
+                f"spans {span:.3g}, which may be radians, turns, or units of pi. Name the unit in a first line: "
                 "'phase (rad)', 'phase (turns)' or 'phase (pi)'",
             )
     phases = numbers * (unit or 1.0)
     if np.abs(phases).max() > 2 * math.pi * MAX_TURNS:
         _refuse(
-            path, f"goes beyond {MAX_TURNS} turns: name its unit in a first line, as 'level, phase (deg)'"
+            path, f"exceeds {MAX_TURNS} turns. Name its unit in a first line, such as 'level, phase (deg)'"
         )
     return phases
 
 
 def _rows(path, text):
-    """Numbers of each line, and the words of the others."""
+    """Numbers of each line, and the text of the header."""
     rows, header = [], []
     for line in text.splitlines():
-        said, _, comment = line.partition("#")
+        text_part, _, comment = line.partition("#")
         header.append(comment)
-        decimal = ";" in said or "\t" in said
-        words = re.split(r"[;\s]+" if decimal else r"[,;\s]+", said.strip(" ,;\t\r"))
+        decimal = ";" in text_part or "\t" in text_part
+        words = re.split(r"[;\s]+" if decimal else r"[,;\s]+", text_part.strip(" ,;\t\r"))
         if words == [""]:
             continue
         try:
@@ -101,23 +102,23 @@ def _rows(path, text):
             if rows:
                 _refuse(
                     path,
-                    f"holds {said.strip()[:40]!r} among its numbers: write numbers, and words above them",
+                    f"has {text_part.strip()[:40]!r} among its numbers. Write words above all numbers",
                 )
-            header.append(said)
+            header.append(text_part)
         if sum(map(len, rows)) > 2 * MAX_LEVELS:
-            _refuse(path, f"holds more than {MAX_LEVELS} levels: give one of an SLM")
+            _refuse(path, f"has more than {MAX_LEVELS} levels. Give that of an SLM")
     return rows, " ".join(header).lower()
 
 
 def _phases_of(path, rows):
-    """One number for each level."""
+    """One number per level."""
     widths = {len(row) for row in rows}
     if widths == {2} and len(rows) > 1:
         return _table(path, np.array(rows))
     if len(rows) > 1 and len(widths) == 1 and max(widths) > 2:
         first = [row[0] for row in rows]
         if first == list(range(len(rows))):
-            _refuse(path, f"has {max(widths)} columns: leave two, level and phase")
+            _refuse(path, f"has {max(widths)} columns. Keep two, level and phase")
     return np.array([number for row in rows for number in row])
 
 
@@ -127,13 +128,13 @@ def _table(path, rows):
     if not _whole(levels) or levels[0] != 0 or (np.diff(levels) <= 0).any():
         _refuse(
             path,
-            "has two columns, of which the first does not count levels from 0: write level and phase in each line, or "
-            "phases alone, one a line",
+            "has two columns, and the first does not count levels from 0. Write level and phase in each line, or only "
+            "phases, one per line",
         )
     if count > MAX_LEVELS or (len(rows) != count and count & (count - 1)):
         _refuse(
             path,
-            f"has levels up to {count - 1:g}: give all of them, or some from 0 to the last one, 2^N - 1 of N bits",
+            f"has levels up to {count - 1:g}. Give all of them, or some from 0 to the last one, 2^N - 1 of N bits",
         )
     return np.interp(np.arange(count), levels, values)
 
@@ -143,12 +144,12 @@ def _whole(numbers):
 
 
 def _unit(path, header):
-    """Radians in the unit that the header names; None where it names none."""
-    said = {" ".join("".join(groups).split()) for groups in UNIT.findall(header)}
-    named = {UNITS[word] for word in said if word in UNITS}
-    if len(named) > 1:
-        _refuse(path, "names several units: leave one of rad, deg, turns, pi")
-    return named.pop() if named else None
+    """Radians per unit that the header names; None without one."""
+    words = {" ".join("".join(groups).split()) for groups in UNIT.findall(header)}
+    units = {UNITS[word] for word in words if word in UNITS}
+    if len(units) > 1:
+        _refuse(path, "names several units. Keep one of rad, deg, turns, pi")
+    return units.pop() if units else None
 
 
 def _refuse(path, why) -> NoReturn:

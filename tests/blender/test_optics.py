@@ -168,7 +168,7 @@ def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
     ("settings", "says"),
     [
         ({"beam": "measured"}, "A file of the measured beam is missing: choose one"),
-        ({"beam": "measured", "beam_file": "//no.npy"}, "There is no file"),
+        ({"beam": "measured", "beam_file": "//no.npy"}, "does not exist"),
         ({"beam": "tilt", "tilt_deg": (45.0, 0.0)}, "meets the panel at 45 degrees"),
         ({"beam": "point", "point_mm": 0.0}, "one distance, which is not 0"),
         ({"beam": "gaussian", "middle_mm": (80.0, 0.0)}, "move its middle onto the panel"),

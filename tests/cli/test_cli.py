@@ -97,7 +97,7 @@ def left_over(folder):
         (["{xml}", "--focus", "0.5m,soon"], "not a distance"),
         (["{xml}", "--pupil", "-1,0,0"], "pupil"),
         (["{xml}", "--pupil", "1,2"], "X,Y,DIAMETER"),
-        (["{xml}", "--camera", "nobody"], "no sensor 'nobody'.*viewer"),
+        (["{xml}", "--camera", "nobody"], "Expected a sensor of"),
         (["{xml}", "--method", "slow"], "invalid choice: 'slow'.*fast"),
         (["{xml}", "--cache", "x", "--no-cache"], "not allowed with"),
         (["{xml}", "--phase-field", "pink"], "invalid choice"),
@@ -820,7 +820,7 @@ def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
         (["encode", str(out), "--lens", "90"], "rendered for another lens"),
         (["plan", str(xml), "--lens", "0"], "finite and not 0, not 0 mm"),
         (["plan", str(xml), "--lens", "100@200@200"], "the SLM's own image"),
-        (["plan", str(xml), "--lens", "near"], "'near' is no lens: give MM"),
+        (["plan", str(xml), "--lens", "near"], "Expected a lens"),
         (
             ["plan", str(xml), "--lens", "100", "--carrier", "auto"],
             "leave out the carrier and the stop, or the lens",

@@ -40,16 +40,16 @@ NAMES = {
 
 @dataclass
 class Meant:
-    """What a writer means by a file, or by two."""
+    """A file, or two, and the field or phases that the writer means by it."""
 
     files: dict  # path by role; by None where it is one file
     truth: np.ndarray = field(repr=False)  # radians or complex numbers, shape (frame, wavelength, y, x)
-    given: dict = field(default_factory=dict)  # of `exchange.Given`: what the writer says
+    given: dict = field(default_factory=dict)  # of `exchange.ReadOptions`: what the writer says
     story: str = field(default="", repr=False)
 
     def read(self):
-        """What the program makes of it."""
-        given = exchange.Given(**{"pitch": 8e-6, **self.given})
+        """Read the file by HoloPath."""
+        given = exchange.ReadOptions(**{"pitch": 8e-6, **self.given})
         if None in self.files:
             container = exchange.read(self.files[None])
         else:
@@ -79,39 +79,39 @@ def phases(draw, rng, shape, kinds):
 def levels(draw, rng, shape, types=(np.uint8, np.uint16, np.int32, np.int64, np.float32, bool)):
     """Levels in a type of more bits: as they are, at its top, or stretched."""
     dtype = np.dtype(draw(st.sampled_from(types)))
-    most = 8 * dtype.itemsize if dtype.kind == "u" else 1 if dtype.kind == "b" else 12
-    bits = draw(st.sampled_from([n for n in (1, 2, 4, 5, 8, 10, 12, 16) if n <= most]))
+    max_count = 8 * dtype.itemsize if dtype.kind == "u" else 1 if dtype.kind == "b" else 12
+    bits = draw(st.sampled_from([n for n in (1, 2, 4, 5, 8, 10, 12, 16) if n <= max_count]))
     reach = 2**bits if draw(st.booleans()) else max(1, 2**bits // 3)
     values = rng.integers(0, reach, shape)
-    truth, said = values * (TURN / 2**bits), {"bits": bits}
+    truth, described = values * (TURN / 2**bits), {"bits": bits}
     where = draw(st.sampled_from(["low", "top", "stretched"])) if dtype.kind == "u" else "low"
     if where == "top":
-        values = values << (most - bits)
+        values = values << (max_count - bits)
     elif where == "stretched":
-        values = np.round(values * ((2**most - 1) / (2**bits - 1)))
-    return values.astype(dtype), truth, said
+        values = np.round(values * ((2**max_count - 1) / (2**bits - 1)))
+    return values.astype(dtype), truth, described
 
 
 def parts(draw, rng, shape, layout):
     """Arrays by their roles, what they mean, and what may be said of them."""
     if layout == "phase":
-        stored, truth, said = phases(draw, rng, shape, ["radians", "turns", "pi", "degrees", "levels"])
-        return {"phase": stored}, truth, said
+        stored, truth, described = phases(draw, rng, shape, ["radians", "turns", "pi", "degrees", "levels"])
+        return {"phase": stored}, truth, described
     if layout in ("complex", "real"):
         dtype = draw(st.sampled_from([np.complex64, np.complex128]))
         field = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(dtype)
         if layout == "complex":
             return {"complex": field}, field, {}
         return {"real": field.real.copy(), "imaginary": field.imag.copy()}, field, {}
-    stored, angle, said = phases(draw, rng, shape, ["radians", "turns", "levels"])
+    stored, angle, described = phases(draw, rng, shape, ["radians", "turns", "levels"])
     size, value = rng.random(shape).astype(draw(st.sampled_from([np.float32, np.float64]))), None
     if draw(st.booleans()):
         size = rng.integers(0, 256, shape, np.uint8)
-        said["transfer"] = draw(st.sampled_from(["linear", "srgb"]))
-        value = np.vectorize(decoded if said["transfer"] == "srgb" else float)(size / 255)
+        described["transfer"] = draw(st.sampled_from(["linear", "srgb"]))
+        value = np.vectorize(decoded if described["transfer"] == "srgb" else float)(size / 255)
     value = size.astype(np.float64) if value is None else value
     value = np.sqrt(value) if layout == "intensity" else value
-    return {layout: size, "phase": stored}, value * np.exp(1j * angle), said
+    return {layout: size, "phase": stored}, value * np.exp(1j * angle), described
 
 
 def decoded(value):
@@ -119,7 +119,7 @@ def decoded(value):
     return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
 
 
-def in_order(draw, arrays, truth, said):
+def in_order(draw, arrays, truth, described):
     """Arrays in another order of axes and rows, and with another sign of time; always said, for the default is ours."""
     m, k = truth.shape[:2]
     axes = [
@@ -138,7 +138,7 @@ def in_order(draw, arrays, truth, said):
     if not convention and m > 1 and k == 1:
         convention["axes"] = tuple(axes)  # or be refused, which is another test's
     if convention:
-        said["convention"] = exchange.Convention(**convention)
+        described["convention"] = exchange.Convention(**convention)
     missing = tuple(AXES.index(name) for name in AXES if name not in axes)
     kept = [name for name in AXES if name in axes]
     laid = {r: a.squeeze(missing).transpose([kept.index(n) for n in axes]) for r, a in arrays.items()}
@@ -220,20 +220,22 @@ def meant(draw, folder: Path, processes: bool = True):
     layout = draw(st.sampled_from(["complex", "phase", "amplitude", "intensity", "real", "stacked"]))
     stacked = layout == "stacked"
     layout = draw(st.sampled_from(["amplitude", "real"])) if stacked else layout
-    arrays, truth, said = parts(draw, rng, shape, layout)
-    arrays, truth = in_order(draw, arrays, truth, said)
-    said = {name: value for name, value in said.items() if name == "convention" or draw(st.booleans())}
-    said["wavelengths"] = WAVELENGTHS[k]
+    arrays, truth, described = parts(draw, rng, shape, layout)
+    arrays, truth = in_order(draw, arrays, truth, described)
+    described = {
+        name: value for name, value in described.items() if name == "convention" or draw(st.booleans())
+    }
+    described["wavelengths"] = WAVELENGTHS[k]
     kinds = [".npz", ".mat", ".safetensors", *([".h5"] if processes else [])]
     attributes = {}
-    if "units" in said and draw(st.booleans()):
-        attributes["units"] = said.pop("units")
-    story = f"{layout} {shape} {said} {attributes}"
+    if "units" in described and draw(st.booleans()):
+        attributes["units"] = described.pop("units")
+    story = f"{layout} {shape} {described} {attributes}"
     if stacked:  # two numbers of a pixel in one real array, which nothing tells
-        said.pop("units", None), said.pop("bits", None), said.pop("transfer", None)
+        described.pop("units", None), described.pop("bits", None), described.pop("transfer", None)
         whole = np.stack([a.astype(np.float64) for a in arrays.values()], draw(st.sampled_from([0, -1])))
         write_arrays(folder / "a.npy", {"u": whole}, {})
-        return Meant({None: folder / "a.npy"}, truth, said, f"stacked {story}")
+        return Meant({None: folder / "a.npy"}, truth, described, f"stacked {story}")
     if len(arrays) == 1 and not attributes and draw(st.booleans()):
         kinds = [".npy"]
     if len(arrays) == 2 and draw(st.integers(0, 2)) == 0:
@@ -242,10 +244,10 @@ def meant(draw, folder: Path, processes: bool = True):
             kind = draw(st.sampled_from([".npy", ".npz", ".mat"]))
             name = draw(st.sampled_from(NAMES[role]))
             own = attributes if role == "phase" and kind != ".npy" else {}
-            said |= attributes if role == "phase" and kind == ".npy" else {}
+            described |= attributes if role == "phase" and kind == ".npy" else {}
             files[role] = folder / f"{role}{kind}"
             write_arrays(files[role], {name: array}, own)
-        return Meant(files, truth, said, f"two files {story}")
+        return Meant(files, truth, described, f"two files {story}")
     file = folder / f"a{draw(st.sampled_from(kinds))}"
     if file.suffix == ".safetensors":  # knows no complex numbers of double precision
         arrays = {r: a.astype(np.complex64) if a.dtype == np.complex128 else a for r, a in arrays.items()}
@@ -255,11 +257,11 @@ def meant(draw, folder: Path, processes: bool = True):
         clean = {
             role: name.replace("/", "_") if file.suffix == ".mat" else name for role, name in names.items()
         }
-        said["array"] = clean
+        described["array"] = clean
     if draw(st.integers(0, 4)) == 0:
         held["mask"] = np.ones(shape[-2:])
     write_arrays(file, held, attributes)
-    return Meant({None: file}, truth, said, f"{file.suffix} {names} {story}")
+    return Meant({None: file}, truth, described, f"{file.suffix} {names} {story}")
 
 
 # packings that spread levels over channels: channel, lowest bit there, and how many bits, from the highest on
@@ -290,9 +292,9 @@ def picture(draw, folder):
             pixels[..., channel] += (left % 2**count << lowest).astype(np.uint8)
             left = left // 2**count
         save(folder / f"a{kind}", pixels)
-        said = {"wavelengths": WAVELENGTHS[1]} | ({"packing": packing} if draw(st.booleans()) else {})
+        described = {"wavelengths": WAVELENGTHS[1]} | ({"packing": packing} if draw(st.booleans()) else {})
         truth = whole[None, None] * (TURN / 2**bits)
-        return Meant({None: folder / f"a{kind}"}, truth, said, f"spread {kind} {packing}")
+        return Meant({None: folder / f"a{kind}"}, truth, described, f"spread {kind} {packing}")
     if means == "bits" and kind in (".png", ".bmp", ".tif"):
         k = draw(st.sampled_from([1, 3]))
         frames = rng.integers(0, 2, (24, *size))
@@ -300,38 +302,43 @@ def picture(draw, folder):
             np.uint8
         )
         save(folder / f"a{kind}", bytes_)
-        said = {"wavelengths": WAVELENGTHS[k]}
+        described = {"wavelengths": WAVELENGTHS[k]}
         if k == 3 or draw(st.booleans()):  # three wavelengths are the default of three channels
-            said["packing"] = "bits"
+            described["packing"] = "bits"
         return Meant(
-            {None: folder / f"a{kind}"}, frames.reshape(24 // k, k, *size) * math.pi, said, f"bits {kind} {k}"
+            {None: folder / f"a{kind}"},
+            frames.reshape(24 // k, k, *size) * math.pi,
+            described,
+            f"bits {kind} {k}",
         )
     channels = 1 if means in ("gray", "bits", "spread", "field") else 3
     if kind == ".exr":
-        stored, truth, said = phases(draw, rng, (1, channels, *size), ["radians", "turns", "pi", "degrees"])
+        stored, truth, described = phases(
+            draw, rng, (1, channels, *size), ["radians", "turns", "pi", "degrees"]
+        )
         stored = stored.astype(np.float32)
-        factor = {"radians": 1.0, "turns": TURN, "pi": math.pi, "degrees": math.pi / 180}[said["units"]]
+        factor = {"radians": 1.0, "turns": TURN, "pi": math.pi, "degrees": math.pi / 180}[described["units"]]
         truth = stored.astype(np.float64) * factor
     elif kind == ".tif":
-        stored, truth, said = levels(draw, rng, (1, channels, *size), (np.uint8, np.uint16, np.float32))
+        stored, truth, described = levels(draw, rng, (1, channels, *size), (np.uint8, np.uint16, np.float32))
     else:
         types = (np.uint8, np.uint16) if kind == ".png" else (np.uint8,)
-        stored, truth, said = levels(draw, rng, (1, channels, *size), types)
-    k, said = 1, {name: value for name, value in said.items() if draw(st.booleans())}
+        stored, truth, described = levels(draw, rng, (1, channels, *size), types)
+    k, described = 1, {name: value for name, value in described.items() if draw(st.booleans())}
     pixels = np.moveaxis(stored[0], 0, -1)
     if means == "gray as color":
         pixels, truth = np.repeat(pixels[..., :1], 3, -1), truth[:, :1]
     elif means == "green":
         pixels, truth = pixels * np.array([0, 1, 0], pixels.dtype), truth[:, 1:2]
-        said |= {"array": "green"} if draw(st.booleans()) else {}
+        described |= {"array": "green"} if draw(st.booleans()) else {}
     elif means == "wavelengths":
         k = 3
     if means in ("wavelengths", "frames"):
         assume((pixels != pixels[..., :1]).any())  # three alike are one
     if means == "frames":
         truth = truth.transpose(1, 0, 2, 3)
-        said |= {"packing": "colour"} if draw(st.booleans()) else {}
-    said["wavelengths"] = WAVELENGTHS[k]
+        described |= {"packing": "colour"} if draw(st.booleans()) else {}
+    described["wavelengths"] = WAVELENGTHS[k]
     pixels = pixels[..., 0] if pixels.shape[-1] == 1 else pixels
     path = folder / f"a{kind}"
     if means == "field":
@@ -339,16 +346,16 @@ def picture(draw, folder):
         save(folder / "b.png", size_of)
         transfer = draw(st.sampled_from(["linear", "srgb"]))
         value = np.vectorize(decoded if transfer == "srgb" else float)(size_of / 255)
-        said |= {"transfer": transfer} if draw(st.booleans()) else {}
+        described |= {"transfer": transfer} if draw(st.booleans()) else {}
         save(path, pixels)
         return Meant(
             {"amplitude": folder / "b.png", "phase": path},
             value * np.exp(1j * truth),
-            said,
-            f"field {kind} {said}",
+            described,
+            f"field {kind} {described}",
         )
     save(path, pixels)
-    return Meant({None: path}, truth, said, f"{means} {kind} {pixels.dtype} {said}")
+    return Meant({None: path}, truth, described, f"{means} {kind} {pixels.dtype} {described}")
 
 
 def save(path, pixels):

@@ -9,7 +9,13 @@ import pytest
 from holopath_addon import cli, engine
 from holopath_addon.cli import sources
 from holopath_addon.engine.scene import variants
-from holopath_addon.exchange.captures import CaptureOptions, capture, read_depth, read_picture, read_points
+from holopath_addon.exchange.captures import (
+    CaptureOptions,
+    open_capture,
+    read_depth,
+    read_picture,
+    read_points,
+)
 from holopath_addon.workflow import output
 
 SIDE = 32
@@ -60,11 +66,11 @@ SAME = [
 
 @pytest.mark.parametrize(("name", "numbers", "options"), SAME)
 def test_depths_in_all_units_are_one_scene(backend, photo, name, numbers, options):
-    """What is met at each pixel's center lies at the depth that all of these files say."""
+    """All of these files give the same depth at each pixel's center."""
     path = write(photo.with_name(name), numbers)
-    built = capture(photo, CaptureOptions(str(path), **options)).build((SIDE, SIDE))
-    seen = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
-    np.testing.assert_allclose(seen, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
+    built = open_capture(photo, CaptureOptions(str(path), **options)).build((SIDE, SIDE))
+    view = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
+    np.testing.assert_allclose(view, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
 
 
 def test_the_depth_that_holopath_writes_can_be_read(photo):
@@ -88,16 +94,16 @@ def test_pictures_are_decoded(tmp_path):
 
 
 def test_a_larger_picture_is_made_smaller(backend, tmp_path):
-    """For a hologram of 32 pixels, one of 101: as its blocks of three, with the view that is left."""
+    """A picture of 101 pixels becomes one of blocks of three for a hologram of 32, with the remaining view."""
     image = np.zeros((101, 101, 3), np.float32)
     image[:, :50] = 1
     (tmp_path / "photo.exr").write_bytes(output.encode_exr(image))
     depth = write(tmp_path / "d.npy", np.where(np.arange(101) < 51, 0.5, 2.0) * np.ones((101, 1)))
-    built = capture(tmp_path / "photo.exr", CaptureOptions(str(depth), "m", fov=40)).build((SIDE, SIDE))
+    built = open_capture(tmp_path / "photo.exr", CaptureOptions(str(depth), "m", fov=40)).build((SIDE, SIDE))
     assert built.scene.shapes()[0].primitive_count() < 2 * 45**2
     assert math.tan(built.camera.fov_x / 2) == pytest.approx(99 / 101 * math.tan(math.radians(20)))
-    seen = engine.depth_map(built.scene, built.camera, 33, 33)
-    assert (seen[:, :16] < 0.51).all() and (seen[:, 17:] > 1.99).all()
+    view = engine.depth_map(built.scene, built.camera, 33, 33)
+    assert (view[:, :16] < 0.51).all() and (view[:, 17:] > 1.99).all()
 
 
 def cloud(count=500):
@@ -147,12 +153,12 @@ def test_point_clouds_of_all_forms(tmp_path, form, before):
     ("axes", "axis"), [("y-up", (0, 0, 1)), ("y-down", (0, 0, -1)), ("z-up", (0, -1, 0))]
 )
 def test_the_side_that_faces_the_viewer(backend, tmp_path, axes, axis):
-    """Of a sphere colored by place: what is in its middle, and at its right, by the axes."""
+    """The axes decide the color in the middle and at the right of a sphere that is colored by position."""
     from holopath_addon.engine.viewing.preview import Preview
 
     points, colors = cloud(4000)
     path = ply(tmp_path / "p.ply", points, (colors / np.float32(255)), "binary_little_endian")
-    built = capture(path, CaptureOptions(axes=axes, fov=30)).build((SIDE, SIDE))
+    built = open_capture(path, CaptureOptions(axes=axes, fov=30)).build((SIDE, SIDE))
     shown = Preview(built.scene, built.camera, SIDE, SIDE).refine(16, lambda *_: None)
     np.testing.assert_allclose(shown[15:17, 15:17].mean((0, 1)), 0.5 + 0.5 * np.array(axis), atol=0.1)
     assert shown[SIDE // 2, -5, 0] > 0.75 and shown[SIDE // 2, 4, 0] < 0.25
@@ -168,9 +174,9 @@ def test_the_way_through_the_command_line(backend, photo, tmp_path, capfd, kind)
         path = ply(tmp_path / "p.ply", *cloud(2000), "ascii")
         words = [str(path), "--axes", "z-up", f"--resolution={SIDE}x{SIDE}"]
     assert cli.main(["plan", *words, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["hologram"]["width"] == SIDE
-    assert any("field of view" in note["feature"] for note in told["export_notes"]) == (kind == "points")
+    messages = json.loads(capfd.readouterr().out)
+    assert messages["hologram"]["width"] == SIDE
+    assert any("field of view" in note["feature"] for note in messages["export_notes"]) == (kind == "points")
     out = tmp_path / "out"
     assert cli.main(["render", *words, "--out", str(out), "--compare-reference", "--focus=1m"]) == 0
     report = output.read_report(out)
@@ -180,7 +186,7 @@ def test_the_way_through_the_command_line(backend, photo, tmp_path, capfd, kind)
 
 
 def test_a_picture_that_moved_with_its_depth_is_found_again(backend, photo, tmp_path, monkeypatch):
-    """As on another machine: the folder of both has another name."""
+    """The files may move together to another folder, as on another machine."""
     first, second = photo.parent / "first", photo.parent / "second"
     first.mkdir()
     photo = photo.rename(first / photo.name)
@@ -194,23 +200,23 @@ def test_a_picture_that_moved_with_its_depth_is_found_again(backend, photo, tmp_
 
 FOR_PICTURE = ["--depth-unit", "m"]
 REFUSALS = [
-    ([], [], "add --depth FILE and --depth-unit, or end the name of a quilt with its layout"),
-    ([], ["--view-span", "0.1", "--view-focus", "1m"], "end its name with columns, rows and the width of a view"),
-    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--view-span", "0.1"], "leave out --depth"),
-    ("m", ["--depth", "d.npy"], "add --depth-unit with m, mm, diopters (1/m), or inverse"),
+    ([], [], "is a picture without depth. Add --depth FILE and --depth-unit, or"),
+    ([], ["--view-span", "0.1", "--view-focus", "1m"], "The layout of the views in"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--view-span", "0.1"], "has views, without depth. Omit --depth"),
+    ("m", ["--depth", "d.npy"], "The unit of the depths in"),
     ("m", ["--depth", "none.png", *FOR_PICTURE], "does not exist"),
     ("m", ["--depth", "photo.hdr", *FOR_PICTURE], "does not exist"),
     ("m", ["--depth", "d.npy", "--depth-unit", "inverse"], "needs --depth-ends FAR,NEAR"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--depth-ends", "4,1"], "needs --depth-ends FAR,NEAR"),
-    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "1,4"], "the far one larger"),
-    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "4,1"], "numbers from 0.5 to 2"),
+    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "1,4"], "The ends of inverse depths"),
+    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "4,1"], "Inverse depths must lie between 0"),
     ("small", ["--depth", "d.npy", *FOR_PICTURE], "32 x 32 pixels and"),
     ("zero", ["--depth", "d.npy", *FOR_PICTURE], "32 pixels without a positive, finite depth, the first of them 0"),
     ("infinite", ["--depth", "d.npy", *FOR_PICTURE], "the first of them inf in column 0, row 5"),
     ("colors", ["--depth", "d.npy", *FOR_PICTURE], "instead of rows and columns"),
-    ("m", ["--depth", "photo.exr", *FOR_PICTURE], "several channels that differ"),
-    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--axes", "y-up"], "is a picture, not a .ply: leave out --axes"),
-    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--fov", "180"], "between 0 and 180 degrees, not 180"),
+    ("m", ["--depth", "photo.exr", *FOR_PICTURE], "has several different channels"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--axes", "y-up"], "is a picture, not a"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--fov", "180"], "The field of view must lie between 0 and 180 degrees"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--camera", "A"], "has no camera 'A'"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--at-frame", "2"], "has no frames"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--define", "a=1"], "leave out --define"),
@@ -233,10 +239,10 @@ def test_what_pictures_refuse(photo, monkeypatch, capfd, depth, words, text):
 
 
 def refused(words, text, capfd):
-    """In one sentence, with status 2, and nothing is written."""
+    """Assert a refusal in one line, with status 2 and nothing written."""
     assert cli.main(["render", *words, "--out", "out", "--quiet"]) == 2
-    told = capfd.readouterr().err.strip().splitlines()
-    assert len(told) == 1 and text in told[0], told
+    messages = capfd.readouterr().err.strip().splitlines()
+    assert len(messages) == 1 and text in messages[0], messages
     from pathlib import Path
 
     assert not Path("out").exists()
@@ -245,14 +251,14 @@ def refused(words, text, capfd):
 @pytest.mark.parametrize(
     ("change", "words", "text"),
     [
-        ((b"", b""), [], "add --axes with y-up"),
-        ((b"", b""), ["--axes", "y-up", "--depth", "d.npy"], "not a picture: leave out --depth"),
+        ((b"", b""), [], "are unknown. Add --axes with y-up"),
+        ((b"", b""), ["--axes", "y-up", "--depth", "d.npy"], "is a point cloud, not a picture. Omit --depth"),
         ((b"", b""), ["--axes", "y-up", "--camera", "A"], "--camera front, before all points, or --camera origin"),
         ((b"", b""), ["--axes", "y-up", "--point-radius", "0"], "must be positive"),
-        ((b"ply", b"plx"), ["--axes", "y-up"], "does not begin with the line ply"),
-        ((b"red", b"rot"), ["--axes", "y-up"], "has no red of its vertices"),
+        ((b"ply", b"plx"), ["--axes", "y-up"], "cannot be read as a PLY file"),
+        ((b"red", b"rot"), ["--axes", "y-up"], "have no red. Give points with the properties x, y, z"),
         ((b"vertex 50", b"vertex 90"), ["--axes", "y-up"], "it has 50 vertices of 90"),
-        ((b"vertex 50", b"vertex 50000000"), ["--axes", "y-up"], "thin them out"),
+        ((b"vertex 50", b"vertex 50000000"), ["--axes", "y-up"], "Expected at most 4000000 points, got 50000000 in"),
         ((b"element v", b"element face 0\nelement v"), ["--axes", "y-up", "--animation"], "has no animation"),
         ((b"element v", b"element face 1\nproperty int a\nelement v"), ["--axes", "y-up"], "has faces"),
         ((b"float x", b"floot x"), ["--axes", "y-up"], "cannot be read as a PLY file"),
@@ -270,9 +276,9 @@ def test_points_that_are_not_numbers_are_left_out_with_a_note(backend, tmp_path)
     points, colors = cloud(50)
     points[3] = math.nan
     path = ply(tmp_path / "p.ply", points, colors, "binary_little_endian")
-    built = capture(path, CaptureOptions(axes="y-up", fov=40)).build((SIDE, SIDE))
+    built = open_capture(path, CaptureOptions(axes="y-up", fov=40)).build((SIDE, SIDE))
     [note] = built.notes
-    assert note["feature"] == "1 points that are not finite numbers" and note["effect"] == "left out"
+    assert note["feature"] == "1 points that are not finite numbers" and note["effect"] == "omitted"
 
 
 def test_options_of_captures_are_refused_elsewhere(tmp_path, capfd, monkeypatch):
@@ -292,7 +298,7 @@ def quilted(path, columns, rows, numbers):
 
 def test_a_quilt_begins_at_the_lower_left(tmp_path):
     path = quilted(tmp_path / "a_qs3x2a1.6.png", 3, 2, [10, 40, 80, 120, 160, 200])
-    views = capture(path, CaptureOptions(view_span=(0.1,), view_focus=1.0))
+    views = open_capture(path, CaptureOptions(view_span=(0.1,), view_focus=1.0))
     assert views.size == (16, 10)  # as wide as the name says
     assert views.views.shape == (1, 6, 12, 16, 3)
     encoded = np.array([10, 40, 80, 120, 160, 200]) / 255
@@ -302,20 +308,20 @@ def test_a_quilt_begins_at_the_lower_left(tmp_path):
 
 
 def test_a_quilt_that_its_views_do_not_fill(backend, tmp_path):
-    """What is over lies at the right and at the top, and a note says so."""
+    """Surplus pixels lie at the right and at the top, and a note says so."""
     whole = quilted(tmp_path / "a_qs3x2a1.33333.png", 3, 2, [10, 40, 80, 120, 160, 200])
     options = CaptureOptions(view_span=(0.1,), view_focus=1.0, fov=40)
     pixels = np.array(variants.bitmaps().Bitmap(str(whole)))
     wider = np.full((pixels.shape[0] + 1, pixels.shape[1] + 2, 3), 255, np.uint8)
     wider[1:, :-2] = pixels
-    views = capture(write(tmp_path / "b_qs3x2a1.33333.png", wider), options)
-    expected = capture(whole, options)
+    views = open_capture(write(tmp_path / "b_qs3x2a1.33333.png", wider), options)
+    expected = open_capture(whole, options)
     np.testing.assert_array_equal(views.views, expected.views)
-    told, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
-    assert len(told) == len(before) + 1
+    messages, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
+    assert len(messages) == len(before) + 1
     assert any(
         "each has 16 x 12 pixels, from the lower left" in text and "2 at the right and 1 at the top" in text
-        for text in told
+        for text in messages
     )
 
 
@@ -325,7 +331,7 @@ def test_arrays_of_views(tmp_path):
     options = CaptureOptions(view_span=(0.1, 0.05), view_focus=1.0)
     for array, shape in ((numbers, (2, 3)), (numbers[0], (1, 3)), ((numbers / 65535)[:, :1], (2, 1))):
         path = write(tmp_path / "v.npy", array)
-        views = capture(path, options)
+        views = open_capture(path, options)
         assert views.views.shape == (*shape, 12, 16, 3) and views.size == (16, 12)
         if array.dtype == np.uint16:
             share = array.reshape(*shape, 12, 16, 3) / 65535
@@ -336,7 +342,7 @@ def test_arrays_of_views(tmp_path):
 
 
 def test_views_by_their_names(tmp_path):
-    """By number, not by letters; a grid by row and column; what is no view does not count."""
+    """Views are sorted by number, not by letters; grids by row and column; other arrays do not count."""
     options = CaptureOptions(view_span=(0.1,), view_focus=1.0)
     numbers = np.random.default_rng(0).random((12, 4, 5, 3)).astype(np.float32)
     order = np.random.default_rng(1).permutation(12)
@@ -347,7 +353,7 @@ def test_views_by_their_names(tmp_path):
     }
     for name, shape in (("row", (1, 12)), ("grid", (3, 4)), ("one", (1, 12))):
         np.savez(tmp_path / f"{name}.npz", **by_name[name])
-        found = capture(tmp_path / f"{name}.npz", options)
+        found = open_capture(tmp_path / f"{name}.npz", options)
         np.testing.assert_array_equal(found.views, numbers.reshape(*shape, 4, 5, 3))
         assert found.size == (5, 4)
 
@@ -358,20 +364,20 @@ VIEW = np.zeros((4, 5, 3), np.uint8)
 @pytest.mark.parametrize(
     ("arrays", "says"),
     [
-        ({"left": VIEW, "right": VIEW}, "left, right. do not say the order of the views: number them"),
+        ({"left": VIEW, "right": VIEW}, "The names of the arrays of"),
         ({"view_0": VIEW, "view_2": VIEW}, "without a gap"),
-        ({"view_0": VIEW, "image_1": VIEW}, "do not say the order"),
-        ({"v0_0": VIEW, "v0_1": VIEW, "v1_1": VIEW}, "do not say the order"),
-        ({"v1": VIEW, "v01": VIEW}, "do not say the order"),
+        ({"view_0": VIEW, "image_1": VIEW}, "The names of the arrays of"),
+        ({"v0_0": VIEW, "v0_1": VIEW, "v1_1": VIEW}, "The names of the arrays of"),
+        ({"v1": VIEW, "v01": VIEW}, "The names of the arrays of"),
         ({"v0": VIEW, "v1": VIEW[1:]}, "different sizes or types .v0, v1"),
-        ({"a": np.stack([VIEW] * 3), "b": np.stack([VIEW] * 3)}, "holds 2 arrays that can be views .a, b"),
-        ({"depth": VIEW[..., 0]}, "holds 0 arrays that can be views"),
+        ({"a": np.stack([VIEW] * 3), "b": np.stack([VIEW] * 3)}, "has 2 arrays that can be views"),
+        ({"depth": VIEW[..., 0]}, "has 0 arrays that can be views"),
         ({"v0": VIEW.astype(int), "v1": VIEW.astype(int)}, "numbers of int"),
     ],
 )
 def test_arrays_that_do_not_say_the_order_of_views(tmp_path, arrays, says):
     np.savez(tmp_path / "v.npz", **arrays)
-    views = capture(tmp_path / "v.npz", CaptureOptions(view_span=(0.1,), view_focus=1.0))
+    views = open_capture(tmp_path / "v.npz", CaptureOptions(view_span=(0.1,), view_focus=1.0))
     with pytest.raises(engine.InvalidInput, match=says):
         assert views.size
 
@@ -396,9 +402,9 @@ def test_views_go_the_way_through_the_command_line(backend, tmp_path, capfd, kin
             "30",
         ]
     assert cli.main(["plan", *words, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert (told["hologram"]["width"], told["hologram"]["height"]) == (16, 12)
-    features = [note["feature"] for note in told["export_notes"]]
+    messages = json.loads(capfd.readouterr().out)
+    assert (messages["hologram"]["width"], messages["hologram"]["height"]) == (16, 12)
+    features = [note["feature"] for note in messages["export_notes"]]
     assert ("one row of views" in features) == (kind == "quilt")
     out = tmp_path / "out"
     more = ["--out", str(out), "--frames=1", "--quality=draft", "--wavelengths=516.5", "--focus=1m"]
@@ -413,20 +419,20 @@ WHERE = ["--view-span", "0.1", "--view-focus", "1m"]
 @pytest.mark.parametrize(
     ("name", "shape", "words", "text"),
     [
-        ("v.npy", (3, 8, 8, 3), [], "add --view-span with the meters from the first view to the last"),
+        ("v.npy", (3, 8, 8, 3), [], "are unknown. Add --view-span with the meters from the first viewpoint"),
         ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1"], "and --view-focus with the distance"),
-        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1", "--view-focus", "inf"], "add --view-panel"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1", "--view-focus", "inf"], "Add --view-panel"),
         ("v.npy", (3, 8, 8, 3), ["--view-span", "0", "--view-focus", "1m"], "positive and finite, for 3 of them"),
-        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1,0.1", "--view-focus", "1m"], "3 x 1 views: give 1 number with"),
-        ("v.npy", (2, 3, 8, 8, 3), WHERE, "has 3 x 2 views: give 2 numbers with --view-span, RIGHT,DOWN, not 1"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1,0.1", "--view-focus", "1m"], "of 3 x 1 views in"),
+        ("v.npy", (2, 3, 8, 8, 3), WHERE, "Expected 2 numbers for --view-span of 3 x 2 views in"),
         ("v.npy", (1, 8, 8, 3), WHERE, "There is one view: give at least two"),
         ("v.npy", (8, 8), WHERE, "instead of (view, y, x, 3)"),
-        ("v.npy", (3, 8, 8, 3), [*WHERE, "--depth", "d.npy"], "holds views, without depth: leave out --depth"),
+        ("v.npy", (3, 8, 8, 3), [*WHERE, "--depth", "d.npy"], "has views, without depth. Omit --depth"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--camera", "A"], "has no camera 'A'"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--method", "full"], "The method full would show views as a flat picture"),
-        ("q_qs3x1a1.png", (8, 2, 3), WHERE, "2 x 8 pixels, which are not 3 x 1 views"),
-        ("q_qs3x1a0.png", (8, 24, 3), WHERE, "24 x 8 pixels, which are not 3 x 1 views"),
-        ("q_qs3x1a1.png", (8, 24, 3), [], "add --view-span"),
+        ("q_qs3x1a1.png", (8, 2, 3), WHERE, "has 2 x 8 pixels, which cannot be 3 x 1"),
+        ("q_qs3x1a0.png", (8, 24, 3), WHERE, "has 24 x 8 pixels, which cannot be 3 x 1"),
+        ("q_qs3x1a1.png", (8, 24, 3), [], "are unknown. Add --view-span with the meters from the first viewpoint"),
         ("q_qs3x1a1.tga", (8, 24, 3), WHERE, "a .ply or an .npy or .npz of views"),
     ],
 )  # fmt: skip
@@ -447,4 +453,4 @@ def test_a_ply_without_faces_within_an_xml_is_named(backend, tmp_path, monkeypat
         "</shape></scene>"
     )
     assert cli.main(["plan", "s.xml"]) == 2
-    assert "give the .ply itself" in capfd.readouterr().err
+    assert "Give the .ply itself" in capfd.readouterr().err

@@ -62,21 +62,30 @@ def test_an_array_of_its_own_convention(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["import", "none.h5", "--out", "new"], "There is no file none.h5"),
-        (["import", "u.npy", "--out", "new"], "does not say the pixel pitch"),
+        (["import", "none.h5", "--out", "new"], "does not exist. Give a file of"),
+        (["import", "u.npy", "--out", "new"], "The file has no pixel pitch. Give --pitch, in micrometers"),
         (["import", "u.npy", "--out", "full"], "full is there already: choose a new folder"),
-        (["import", "u.npy", "--out", "new", "--axes", "y,y"], "in any order, each once"),
+        (
+            ["import", "u.npy", "--out", "new", "--axes", "y,y"],
+            "Expected axes frame,wavelength,y,x in any order",
+        ),
         (["export", "none", "a.h5"], "The folder none does not exist"),
-        (["export", "rendered", "a.tga"], "is of no kind that is known"),
-        (["export", "rendered", "a.tif"], "Fields and phases are no pictures"),
+        (["export", "rendered", "a.tga"], "Expected a file of"),
+        (["export", "rendered", "a.tif"], "Fields and phases cannot be written as pictures. Give a file"),
         (["import", "a.npy", "b.npy", "--out", "new"], "say what each is, as amplitude=FILE phase=FILE"),
-        (["import", "phase=u.npy", "--out", "new", "--pitch", "8"], "give field=u.npy if they are a field"),
+        (
+            ["import", "phase=u.npy", "--out", "new", "--pitch", "8"],
+            "which cannot be a phase. Give",
+        ),
         (
             ["import", "phase=u.npy", "real=u.npy", "--out", "new", "--array", "u"],
             "say --array phase=u, as in",
         ),
         (["import", "u.npy", "--out", "new", "--array", "phase=a,phase=b"], "names a role twice"),
-        (["export", "rendered", "a.h5", "--convention", "odak"], "There are 3 frames: name an axis for them"),
+        (
+            ["export", "rendered", "a.h5", "--convention", "odak"],
+            "There are 3 frames, but no axis for them. Name it",
+        ),
     ],
 )
 def test_what_is_refused_leaves_nothing(words, says, rendered, tmp_path, monkeypatch, capsys):
@@ -91,7 +100,7 @@ def test_what_is_refused_leaves_nothing(words, says, rendered, tmp_path, monkeyp
 
 
 def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
-    """Of fields, of phases alone, and of both; it loads nothing from elsewhere."""
+    """Pages of fields, of phases, and of both load nothing from elsewhere."""
     assert cli.main(["report", str(rendered), "--quiet"]) == 0
     page, table = (rendered / f"report.{kind}" for kind in ("html", "csv"))
     text = page.read_text()

@@ -23,19 +23,19 @@ def wave(x, y, z, sign):
     ("time", "rows", "axes"), [*product("-+", ("top", "bottom"), (("y", "x"), ("x", "y")))]
 )
 def test_a_focus_comes_where_it_is(time, rows, axes):
-    """With exp(-i omega t) a wave that converges has the phase -k r; up is where rows say, whatever the axes."""
+    """A converging wave has the phase -k r with exp(-i omega t); rows decide which end is up, for any axes."""
     x, y, z = 10 * PITCH, 6 * PITCH, 10e-3
     field = wave(x, y, z, 1 if time == "-" else -1)
     array = field[::-1] if rows == "top" else field
     array = array if axes == ("y", "x") else array.T
-    given = exchange.Given(
+    given = exchange.ReadOptions(
         convention=exchange.Convention(axes, time, rows),
         pitch=PITCH,
         wavelengths=[WAVELENGTH],
         depth_range=(5e-3, z),
     )
     found = exchange.hologram_of(exchange.Container({"u": array}), given)
-    picture = engine.reconstruct(found, [exchange.holograms.NEAR])[0, ..., 0]
+    picture = engine.reconstruct(found, [exchange.holograms.DEFAULT_NEAR])[0, ..., 0]
     row, column = np.unravel_index(picture.argmax(), picture.shape)
     assert (column, row) == (N / 2 + 10, N / 2 - 1 - 6)
     assert picture.max() > 0.2 * picture.sum()
@@ -46,8 +46,8 @@ def test_conventions_there_and_back(axes):
     ours = fields.field().data
     for time, rows in product("-+", ("top", "bottom")):
         convention = exchange.Convention(axes, time, rows)
-        assert np.array_equal(convention.ours(convention.theirs(ours)), ours)
-        assert convention.theirs(ours).shape == tuple(
+        assert np.array_equal(convention.to_holopath(convention.from_holopath(ours)), ours)
+        assert convention.from_holopath(ours).shape == tuple(
             dict(zip(("frame", "wavelength", "y", "x"), ours.shape, strict=True))[name] for name in axes
         )
 
@@ -56,7 +56,7 @@ def test_conventions_there_and_back(axes):
 def test_a_field_on_another_plane_is_brought_to_the_slm(plane):
     z = 10e-3
     array = wave(0.0, 0.0, z - plane, 1)
-    given = exchange.Given(
+    given = exchange.ReadOptions(
         pitch=PITCH, wavelengths=[WAVELENGTH], distance=plane, depth_range=(z - 3e-3, z + 3e-3)
     )
     found = exchange.hologram_of(exchange.Container({"u": array}), given)
@@ -68,7 +68,7 @@ def test_a_field_on_another_plane_is_brought_to_the_slm(plane):
 @pytest.mark.parametrize(("dtype", "bits", "turn"), [("u1", 8, 256), ("u2", 16, 65536), ("u1", 4, 16)])
 def test_levels_are_phases(dtype, bits, turn):
     levels = np.arange(16).reshape(4, 4).astype(dtype)
-    given = exchange.Given(pitch=PITCH, wavelengths=[WAVELENGTH], bits=bits)
+    given = exchange.ReadOptions(pitch=PITCH, wavelengths=[WAVELENGTH], bits=bits)
     found = exchange.hologram_of(exchange.Container({"levels": levels}), given)
     assert isinstance(found, engine.PhaseHologram) and found.gains == (1.0,)
     np.testing.assert_allclose(found.data[0, 0], levels * (2 * math.pi / turn), rtol=1e-6)
@@ -81,54 +81,79 @@ GIVEN = {"pitch": PITCH, "wavelengths": [WAVELENGTH]}
 @pytest.mark.parametrize(
     ("array", "attributes", "given", "says"),
     [
-        (FIELD, {}, {"wavelengths": [WAVELENGTH]}, "does not say the pixel pitch: give --pitch"),
-        (FIELD, {}, {"pitch": PITCH}, "does not say the wavelengths: give --wavelengths"),
+        (
+            FIELD,
+            {},
+            {"wavelengths": [WAVELENGTH]},
+            "The file has no pixel pitch. Give --pitch, in micrometers",
+        ),
+        (FIELD, {}, {"pitch": PITCH}, "The file has no wavelengths. Give --wavelengths, in nanometers"),
         (
             FIELD,
             {},
             {**GIVEN, "wavelengths": [5e-7, 6e-7]},
-            "are 2 wavelengths for 1 in the array, which has 4 x 5",
+            "array of 4 x 5 has 1 on the axis of wavelengths, got 2",
         ),
-        (FIELD[None, None, None], {}, GIVEN, "has 5 axes, and at most 4"),
-        (FIELD, {}, {**GIVEN, "convention": exchange.Convention(("frame", "y", "x"))}, "has 2 axes, not 3"),
+        (FIELD[None, None, None], {}, GIVEN, "Expected an array of at most 4 axes, frame, wavelength, y"),
+        (
+            FIELD,
+            {},
+            {**GIVEN, "convention": exchange.Convention(("frame", "y", "x"))},
+            "Expected 3 axes, frame,y,x, got 2",
+        ),
         (FIELD * np.nan, {}, GIVEN, "not finite"),
-        (FIELD[:0], {}, GIVEN, "no hologram's"),
-        (FIELD.real, {}, {**GIVEN, "distance": 1e-3}, "leave out their distance"),
+        (FIELD[:0], {}, GIVEN, "An array of 0 x 5 cannot be a hologram. Name"),
+        (
+            FIELD.real,
+            {},
+            {**GIVEN, "distance": 1e-3},
+            "Phases are those of the SLM itself. Omit the distance from",
+        ),
         (FIELD.real, {}, {**GIVEN, "bits": 8, "units": "pi"}, "no bits"),
-        (FIELD.real, {"units": "mm"}, GIVEN, "units are 'mm': say by --units"),
-        (FIELD, {}, {**GIVEN, "array": "v"}, "no array v of two or more axes in the file: choose among u"),
+        (
+            FIELD.real,
+            {"units": "mm"},
+            GIVEN,
+            "Give those of the phases by --units: radians, turns, pi, degrees",
+        ),
+        (FIELD, {}, {**GIVEN, "array": "v"}, "Expected an array of two or more axes in the file"),
         (
             FIELD,
             {"pitch_m": "wide"},
             {"wavelengths": [WAVELENGTH]},
-            "pitch_m is 'wide': it should be a number",
+            "Expected pitch_m of the file to be a number, got",
         ),
         (
             FIELD,
             {"pitch_m": [1.0, 2.0, 3.0]},
             {"wavelengths": [WAVELENGTH]},
-            "are 3 numbers: it should be one, or",
+            "Expected pitch_m of the file to be one number, or those",
         ),
-        (FIELD, {"row_0": "left"}, GIVEN, "top or the bottom, not at 'left'"),
-        (FIELD, {"axes": "y,z"}, GIVEN, "in any order, each once, not 'y,z'"),
-        (FIELD, {"time_dependence": "none"}, GIVEN, r"\+ or -, not 'none'"),
+        (FIELD, {"row_0": "left"}, GIVEN, "Expected row 0 at the top or bottom, got"),
+        (
+            FIELD,
+            {"axes": "y,z"},
+            GIVEN,
+            "Expected axes frame,wavelength,y,x in any order",
+        ),
+        (FIELD, {"time_dependence": "none"}, GIVEN, "Expected a sign of time"),
         (FIELD, {"camera": "{}"}, GIVEN, "camera cannot be read"),
-        (FIELD, {"near_m": -1.0}, GIVEN, "must be a positive distance"),
+        (FIELD, {"near_m": -1.0}, GIVEN, "The near end of the scene must be at a positive"),
         (FIELD, {}, {**GIVEN, "pitch": 1e-7}, "too small for 640 nm"),
     ],
 )
 def test_what_does_not_fit(array, attributes, given, says):
     with pytest.raises(InvalidInput, match=says):
-        exchange.hologram_of(exchange.Container({"u": array}, attributes), exchange.Given(**given))
+        exchange.hologram_of(exchange.Container({"u": array}, attributes), exchange.ReadOptions(**given))
 
 
 def test_one_of_several_arrays_is_to_be_named():
     container = exchange.Container({"left": FIELD, "right": 2 * FIELD})
-    with pytest.raises(InvalidInput, match="as left or right: choose by --array"):
-        exchange.hologram_of(container, exchange.Given(**GIVEN))
-    assert exchange.hologram_of(container, exchange.Given("right", **GIVEN)).data.max() == 2
+    with pytest.raises(InvalidInput, match="as left or right. Choose by --array"):
+        exchange.hologram_of(container, exchange.ReadOptions(**GIVEN))
+    assert exchange.hologram_of(container, exchange.ReadOptions("right", **GIVEN)).data.max() == 2
 
 
 def test_a_convention_without_an_axis_for_frames():
-    with pytest.raises(InvalidInput, match="There are 3 frames: name an axis for them"):
+    with pytest.raises(InvalidInput, match="There are 3 frames, but no axis for them. Name it"):
         exchange.container_of(fields.field(), exchange.CONVENTIONS["odak"])

@@ -1,4 +1,4 @@
-"""What of a Mitsuba scene file counts: film, crop window and view; old plugins; parameters."""
+"""Mitsuba scene files: film, crop window and view; old plugins; parameters."""
 
 import re
 
@@ -56,8 +56,8 @@ def written(backend, tmp_path):
     return write
 
 
-def seen(path, size=None):
-    """What the engine sees as a path tracer, as large as the hologram of the file or as `size`, and the notes."""
+def view(path, size=None):
+    """The engine's path-traced view, as large as the file's hologram or as `size`, and the notes."""
     source = sources.open_source(str(path))
     hologram = source.hologram_from()
     loaded = source.load(*(size or (hologram.width, hologram.height)))
@@ -92,7 +92,7 @@ OFFSET = '<float name="principal_point_offset_x" value="0.1"/><float name="princ
 def test_film_and_crop_window(written, parts):
     """A hologram has the size that Mitsuba's picture has, and shows the same."""
     path = written(**parts)
-    picture, notes = seen(path)
+    picture, notes = view(path)
     near(picture, by_mitsuba(path))
     assert notes == []
 
@@ -101,7 +101,7 @@ def test_film_and_crop_window(written, parts):
 def test_another_shape_than_the_film(written, axis):
     """It is as Mitsuba has it with a film of that size, and that is said."""
     more = f'<string name="fov_axis" value="{axis}"/>'
-    picture, [note] = seen(written(size=sized(30, 20), more=more), (20, 24))
+    picture, [note] = view(written(size=sized(30, 20), more=more), (20, 24))
     near(picture, by_mitsuba(written("other.xml", size=sized(20, 24), more=more)))
     assert note["object"] == "film" and mitsuba_file._AXES[axis] in note["effect"]
 
@@ -109,11 +109,11 @@ def test_another_shape_than_the_film(written, axis):
 def test_a_crop_window_of_another_size(written):
     """It shows the same with more pixels, and where it has another shape its middle stays."""
     path = written(size=sized(30, 20, 12, 2, 16, 14))
-    small, _ = seen(path)
-    large, notes = seen(path, (32, 28))
+    small, _ = view(path)
+    large, notes = view(path, (32, 28))
     near(large.reshape(14, 2, 16, 2, 3).mean((1, 3)), small)
     assert notes == []
-    wide, [note] = seen(path, (16, 10))
+    wide, [note] = view(path, (16, 10))
     near(wide, small[2:12])
     assert note["object"] == "crop window" and "the width" in note["effect"]
 
@@ -131,7 +131,7 @@ def test_of_several_sensors_the_chosen_one(written):
     assert [source.hologram_from(name).width for name in (None, "viewer", "other")] == [30, 30, 40]
     path.write_text(path.read_text().replace('perspective" id="viewer"', 'sphericalcamera" id="viewer"'))
     assert source.load(40, 20, "other").scene.sensors()[1].film().size()[0] == 40
-    with pytest.raises(engine.InvalidInput, match="no sensor 'third': choose one of viewer, other"):
+    with pytest.raises(engine.InvalidInput, match="Expected a sensor of"):
         source.hologram_from("third")
 
 
@@ -141,8 +141,8 @@ OLD = {"film": "ldrfilm", "sampler": "sobol", "rfilter": "wiener", "size": sized
 def test_unknown_films_integrators_samplers_and_filters_stop_no_scene(written):
     head = '<integrator type="bdpt"><integer name="maxDepth" value="3"/><boolean name="hideEmitters" value="true"/>'
     old = written(**OLD, version="0.6.0", head=f"{head}</integrator>")
-    assert "hide_emitters" in [note["feature"] for note in seen(old)[1]]
-    near(seen(old)[0], by_mitsuba(written("plain.xml", size=sized(30, 20))))
+    assert "hide_emitters" in [note["feature"] for note in view(old)[1]]
+    near(view(old)[0], by_mitsuba(written("plain.xml", size=sized(30, 20))))
     source = sources.open_source(str(old))
     assert source.settings.max_depth == 3 and not source.load(30, 20).camera.sees_sky
 
@@ -167,7 +167,7 @@ def test_paths_are_as_long_as_the_integrators(written, integrator, depth):
     [
         ({"sensor": "thinlens", "more": '<float name="aperture_radius" value="0.05"/>'
           '<float name="focus_distance" value="0.5"/>'}, "sensor", "--focus 0.5m"),
-        ({"more": '<spectrum name="srf" value="1"/>'}, "sensor", "in RGB"),
+        ({"more": '<spectrum name="srf" value="1"/>'}, "sensor", "colors are RGB"),
         ({"film": "specfilm"}, "film", "its bands are ignored"),
         ({"size": '<string name="pixel_format" value="luminance"/>'}, "film", "in color"),
         ({"head": '<integrator type="depth"/>'}, "integrator", "shows light"),
@@ -184,8 +184,8 @@ def test_what_changes_mitsubas_picture_is_noted(written, parts, object_name, say
         ({"more": '<bsdf type="phong"/>'}, 'Plugin "phong" not found'),
         ({"more": '<float name="zoom" value="2"/>'}, r'1 unreferenced property in sensor .*"zoom"'),
         ({"moved": '<scale value="2"/>'}, "Scale factors in the camera-to-world transformation"),
-        ({"size": sized(30, 20, 12, 2, 20, 14)}, "crop window of 20 x 14 pixels at 12, 2 does not lie on its 30 x 20"),
-        ({"size": '<float name="width" value="2.5"/>'}, "film's width is 2.5: give a whole number of pixels"),
+        ({"size": sized(30, 20, 12, 2, 20, 14)}, "crop window of 20 x 14 pixels at 12, 2 does"),
+        ({"size": '<float name="width" value="2.5"/>'}, "as a whole number of pixels, got 2.5"),
         ({"sensor": "sphericalcamera"}, 'Plugin "sphericalcamera" not found'),
     ],
 )  # fmt: skip
@@ -203,10 +203,10 @@ WIDTH = '<integer name="width" value="$width"/><integer name="height" value="20"
 @pytest.mark.parametrize(
     ("default", "words", "says"),
     [
-        ("", [], r"a parameter \$width without a default: add --define width=VALUE"),
+        ("", [], "without a default. Add --define width=VALUE"),
         ("", ["-D", "width"], "'width' is not NAME=VALUE"),
         ("", ["--define=wide th=3"], "'wide th=3' is not NAME=VALUE"),
-        ("", ["-Dwidth=16", "--define", "size=3"], r"no parameter \$size to define: it has width"),
+        ("", ["-Dwidth=16", "--define", "size=3"], "to define. It has width"),
         ('<default name="width" value="16"/>', ["-D", "wid=3"], r"no parameter \$wid to define"),
         ("", ["-D", "width=wide"], "could not parse integer value \"wide\""),
     ],
@@ -243,13 +243,15 @@ def test_files_that_a_parameter_names(written, tmp_path):
 
 
 def test_the_definitions_of_a_render_are_found_again(written, tmp_path, capfd):
-    """By `encode`, whose phases are then those of a render that encodes, and by `report`."""
+    """`encode` finds the scene and gives the phases of a render that encodes; `report` finds it, too."""
     path = written(head='<default name="width" value="64"/>', size=WIDTH)
     out = tmp_path / "out"
     words = ["--wavelengths", "516.5", "--quality", "draft", "--frames", "2", "--focus", "1m"]
     assert cli.main(["render", str(path), *words, "-D", "width=24", "--out", str(out)]) == 0
-    said = capfd.readouterr().err
-    assert "24 x 20 pixels, the size of the film in scene.xml; --resolution WxH for another one." in said
+    attributes = capfd.readouterr().err
+    assert (
+        "24 x 20 pixels, the size of the film in scene.xml; --resolution WxH for another one." in attributes
+    )
     assert sources.output.read_report(out)["opened"]["define"] == {"width": "24"}
     field = sources.output.stored_field(out)
     assert (field.hologram.width, field.hologram.height) == (24, 20)

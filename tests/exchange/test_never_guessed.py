@@ -1,4 +1,4 @@
-"""What other people mean by a file is what comes in, or it is refused in a sentence that says what to do."""
+"""A file comes in as its writer means it, or it is refused with a remedy."""
 
 import tempfile
 from pathlib import Path
@@ -37,7 +37,7 @@ def look(data, processes):
 
 
 def run(count, processes):
-    seen = []
+    view = []
 
     @settings(
         max_examples=count,
@@ -50,18 +50,18 @@ def run(count, processes):
     )
     @given(st.data())
     def each(data):
-        seen.append(look(data, processes))
+        view.append(look(data, processes))
 
     each()
-    return seen
+    return view
 
 
 def test_what_is_meant_comes_in_or_is_refused():
-    seen = run(80, False)
-    assert 20 < seen.count(None) < 70
+    view = run(80, False)
+    assert 20 < view.count(None) < 70
 
 
 @pytest.mark.slow
 def test_what_2000_people_mean():
-    seen = run(2000, True)
-    assert 600 < seen.count(None) < 1700
+    view = run(2000, True)
+    assert 600 < view.count(None) < 1700

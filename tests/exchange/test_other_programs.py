@@ -23,7 +23,7 @@ def picture():
 
 
 def phases():
-    """Of a hologram of the picture, with a smooth random phase; [y, x], row 0 at the top."""
+    """Hologram of the picture with a smooth random phase; [y, x], row 0 at the top."""
     rng = np.random.default_rng(2)
     bins = np.hypot(*np.meshgrid(np.fft.fftfreq(N), np.fft.fftfreq(N))) < 0.05
     smooth = np.fft.ifft2(np.fft.fft2(rng.normal(size=(N, N))) * bins).real
@@ -32,9 +32,9 @@ def phases():
 
 
 def psnr(image):
-    wanted = picture()
-    scale = (image * wanted).sum() / (image**2).sum()
-    return -10 * math.log10(np.mean((scale * image - wanted) ** 2))
+    target = picture()
+    scale = (image * target).sum() / (image**2).sum()
+    return -10 * math.log10(np.mean((scale * image - target) ** 2))
 
 
 def alike(one, other):
@@ -43,7 +43,7 @@ def alike(one, other):
 
 
 def shown(file, folder, *words):
-    """What our command line makes of a file: a field that is brought in, and refocused at a distance."""
+    """Import a file by the command line, and refocus the field at a distance."""
     more = ["--pitch", "8", "--wavelengths", "516.5", "--depth-range", f"{5e2 * AT},{2e3 * AT}", *words]
     assert cli.main(["import", str(file), "--out", str(folder), *more, "--quiet"]) == 0
     phase = [] if (folder / "wavefield").exists() else ["--hologram"]

@@ -24,11 +24,11 @@ PAIRS = [
 
 def taken(arrays, **given):
     container = exchange.Container(arrays)
-    return exchange.hologram_of(container, exchange.Given(**GIVEN, **given))
+    return exchange.hologram_of(container, exchange.ReadOptions(**GIVEN, **given))
 
 
 def test_amplitude_and_phase_keep_both():
-    """By PSNR to the true field; with the amplitude left out it is 19.5 dB."""
+    """PSNR against the true field is high; without the amplitude it is 19.5 dB."""
     found = taken(PAIRS[0])
     assert isinstance(found, engine.WaveField)
     assert psnr(found.data[0, 0]) > 130
@@ -36,7 +36,7 @@ def test_amplitude_and_phase_keep_both():
 
 
 def psnr(field):
-    """Of a field to the true one, at its best scale, dB."""
+    """PSNR of a field against the true one, at the best scale, dB."""
     scale = np.vdot(field, LIGHT) / np.vdot(field, field)
     return -10 * np.log10(np.mean(np.abs(scale * field - LIGHT) ** 2) / np.abs(LIGHT).max() ** 2)
 
@@ -59,26 +59,42 @@ def test_time_and_order_are_those_of_the_field():
         (
             {"amplitude": AMPLITUDE},
             None,
-            "gives is amplitude, which makes no field: give phase with amplitude",
+            "The file gives amplitude, but a field needs phase with amplitude",
         ),
-        ({"real": PHASE}, None, "gives is real, which makes no field"),
+        ({"real": PHASE}, None, "The file gives real, but a field needs"),
         (
             {"amplitude": AMPLITUDE, "intensity": AMPLITUDE, "phase": PHASE},
             None,
-            "amplitude and phase or intensity and phase: choose by --array, as --array amplitude=amplitude,phase=phase",
+            "The file can be read as amplitude and phase or intensity",
         ),
-        ({"field": LIGHT, "phase": PHASE}, None, "as field or phase: choose by --array, as --array field or"),
-        ({"phase": PHASE, "A": AMPLITUDE}, None, "has A beside phase: say --array phase for phases alone"),
-        ({"a": PHASE, "b": PHASE}, None, "a, b. Name one by --array, or say what they are"),
-        ({"field": PHASE}, None, "real numbers, which are no field: say --array phase=field"),
-        ({"phase": LIGHT}, None, "complex numbers, and its name says otherwise: say --array field=phase"),
-        ({"u": LIGHT}, {"phase": "u"}, "complex numbers, which are no phase: say --array u"),
-        ({"u": LIGHT}, {"color": "u"}, "no role color: choose among phase"),
-        ({"u": LIGHT}, {"phase": "v"}, "no array v of two or more axes in the file: choose among u"),
+        ({"field": LIGHT, "phase": PHASE}, None, "The file can be read as field or phase. Choose by"),
+        ({"phase": PHASE, "A": AMPLITUDE}, None, "The file has A besides phase. Give --array phase for only"),
+        ({"a": PHASE, "b": PHASE}, None, "Expected one array, found a, b. Name one by --array, or"),
+        ({"field": PHASE}, None, "field has real numbers, which cannot be a field. Give --array"),
+        (
+            {"phase": LIGHT},
+            None,
+            "phase has complex numbers, which contradict its name. Give --array field=phase",
+        ),
+        ({"u": LIGHT}, {"phase": "u"}, "u has complex numbers, which cannot be a phase. Give --array"),
+        (
+            {"u": LIGHT},
+            {"color": "u"},
+            "Expected roles among phase, amplitude, intensity, real, imaginary, got color",
+        ),
+        ({"u": LIGHT}, {"phase": "v"}, "Expected an array of two or more axes in the file"),
         ({"amplitude": AMPLITUDE.T, "phase": PHASE}, None, "amplitude has 9 x 16 and phase has 16 x 9"),
-        ({"amplitude": -AMPLITUDE, "phase": PHASE}, None, "goes below 0: give it as real and imaginary"),
-        ({"amplitude": AMPLITUDE.astype("i4"), "phase": PHASE}, None, "of int32, which has no largest value"),
-        ({"u": LIGHT * 1e60}, None, "single precision does not hold"),
+        (
+            {"amplitude": -AMPLITUDE, "phase": PHASE},
+            None,
+            "The amplitude has negative values",
+        ),
+        (
+            {"amplitude": AMPLITUDE.astype("i4"), "phase": PHASE},
+            None,
+            "of int32, whose largest value is unclear",
+        ),
+        ({"u": LIGHT * 1e60}, None, "The field has values beyond single precision. Scale it down"),
     ],
 )
 def test_what_is_refused(arrays, array, says):
@@ -89,14 +105,14 @@ def test_what_is_refused(arrays, array, says):
 @pytest.mark.parametrize(
     ("arrays", "given", "says"),
     [
-        ({"u": LIGHT}, {"units": "turns"}, "leave out --units and --bits"),
-        ({"u": LIGHT}, {"bits": 8}, "leave out --units and --bits"),
+        ({"u": LIGHT}, {"units": "turns"}, "Units and bits apply to phases, and there are none. Omit"),
+        ({"u": LIGHT}, {"bits": 8}, "Units and bits apply to phases, and there are none. Omit"),
         ({"u": LIGHT}, {"packing": "bits"}, "phases in a color picture, and there is none"),
         (PAIRS[0], {"transfer": "srgb"}, "in whole numbers, and there are none"),
         (
             {"amplitude": np.eye(3, dtype="u1"), "phase": np.eye(3)},
             {"transfer": "log"},
-            "no transfer function log",
+            "Expected a transfer function linear or srgb, got log",
         ),
     ],
 )
@@ -106,7 +122,7 @@ def test_what_is_said_of_nothing_is_refused(arrays, given, says):
 
 
 def test_screens_encode_amplitudes():
-    """By IEC 61966-2-1: 188 of 255 is half of the light."""
+    """188 of 255 is half of the light by IEC 61966-2-1."""
     arrays = {"intensity": np.full((2, 2), 188, "u1"), "phase": np.zeros((2, 2))}
     with pytest.raises(
         InvalidInput, match=r"\(--transfer linear\) or encoded for screens \(--transfer srgb\)"
@@ -126,7 +142,9 @@ def test_units_in_hdf5_belong_to_their_array(tmp_path):
             file[name] = array
             file[name].attrs["units"] = units
             file[name].attrs["pitch_m"] = 4e-6
-    found = exchange.hologram_of(exchange.read(tmp_path / "a.h5"), exchange.Given(wavelengths=[516.5e-9]))
+    found = exchange.hologram_of(
+        exchange.read(tmp_path / "a.h5"), exchange.ReadOptions(wavelengths=[516.5e-9])
+    )
     np.testing.assert_allclose(found.data[0, 0], AMPLITUDE * np.exp(2j * np.pi * PHASE), rtol=1e-5)
     assert found.hologram.pitch == 4e-6
 
@@ -135,13 +153,13 @@ def test_two_files_are_one_field(tmp_path):
     np.savez(tmp_path / "a.npz", v=AMPLITUDE, w=AMPLITUDE, pitch_m=4e-6)
     np.savez(tmp_path / "p.npz", u=PHASE / np.pi, pitch_m=4e-6, units="pi")
     files = {"amplitude": tmp_path / "a.npz", "phase": tmp_path / "p.npz"}
-    with pytest.raises(InvalidInput, match="is the amplitude: v, w. Say it by --array amplitude=NAME"):
+    with pytest.raises(InvalidInput, match="Expected one array for the amplitude in"):
         parts.read_parts(files)
     container = parts.read_parts(files, {"amplitude": "w"})
-    found = exchange.hologram_of(container, exchange.Given(wavelengths=[516.5e-9]))
+    found = exchange.hologram_of(container, exchange.ReadOptions(wavelengths=[516.5e-9]))
     np.testing.assert_allclose(found.data[0, 0], LIGHT, rtol=1e-6)
     np.savez(tmp_path / "p.npz", u=PHASE, pitch_m=5e-6)
-    with pytest.raises(InvalidInput, match="different things of pitch_m"):
+    with pytest.raises(InvalidInput, match="The files differ in pitch_m. Write the same in both"):
         parts.read_parts(files, {"amplitude": "w"})
-    with pytest.raises(InvalidInput, match="give is amplitude, which makes no field"):
+    with pytest.raises(InvalidInput, match="The files give amplitude, but"):
         parts.read_parts({"amplitude": tmp_path / "a.npz"})

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from holopath_addon.engine import InvalidInput
-from holopath_addon.exchange.phases import known_units, radians_of
+from holopath_addon.exchange.phases import parse_units, radians_of
 
 TURN = 2 * math.pi
 RAMP = np.linspace(0, 1, 100, endpoint=False).reshape(1, 1, 10, 10)
 BYTES = np.arange(256).reshape(1, 1, 16, 16)
 
 
-def radians(array, *said):
-    return radians_of(array, *said)(array)
+def radians(array, *attributes):
+    return radians_of(array, *attributes)(array)
 
 
 @pytest.mark.parametrize(
@@ -40,10 +40,10 @@ def test_units_are_as_said_and_radians_where_they_fill_a_turn(units, turn, start
     ],
 )
 def test_other_ranges_are_refused_with_what_they_can_be(array, ways):
-    with pytest.raises(InvalidInput) as told:
+    with pytest.raises(InvalidInput) as output:
         radians_of(array)
-    assert all(way in str(told.value) for way in ways)
-    assert str(told.value).count("--") == len(ways)
+    assert all(way in str(output.value) for way in ways)
+    assert str(output.value).count("--") == len(ways)
 
 
 def test_each_layer_is_to_fill_a_turn():
@@ -54,7 +54,7 @@ def test_each_layer_is_to_fill_a_turn():
 
 
 @pytest.mark.parametrize(
-    ("array", "said", "turn"),
+    ("array", "attributes", "turn"),
     [
         (BYTES.astype("u1"), (), 256),
         ((BYTES << 8).astype("u2"), (), 65536),  # 8 bits at the top are the same phases
@@ -72,14 +72,14 @@ def test_each_layer_is_to_fill_a_turn():
         (0 * BYTES, (), 1),
     ],
 )
-def test_levels(array, said, turn):
-    np.testing.assert_allclose(radians(array, *said), array * (TURN / turn), atol=1e-12)
+def test_levels(array, attributes, turn):
+    np.testing.assert_allclose(radians(array, *attributes), array * (TURN / turn), atol=1e-12)
 
 
 @pytest.mark.parametrize("bits", [4, 10, 12])
 @pytest.mark.parametrize("rounded", [np.round, np.floor])
 def test_stretched_levels_are_found(bits, rounded):
-    """As programs make 16 bits of 12: by rounding, or by cutting off."""
+    """Programs stretch 12 bits to 16 by rounding or truncation."""
     levels = np.arange(2**bits).reshape(1, 1, -1, 4)
     stretched = rounded(levels * (65535 / (2**bits - 1)) + 1e-9).astype("u2")
     with pytest.raises(InvalidInput, match=rf"stretched to 0 to 65535 \(--bits {bits}\)"):
@@ -88,31 +88,31 @@ def test_stretched_levels_are_found(bits, rounded):
 
 
 @pytest.mark.parametrize(
-    ("array", "said", "says"),
+    ("array", "attributes", "says"),
     [
-        (BYTES.astype("u2"), (), "up to 255, .*give --bits 8 for 256 levels or --bits 16 for 65536"),
-        (BYTES.astype("u2"), (None, 6), "up to 255, and --bits 6 has 0 to 63: give --bits 8 or more"),
-        ((BYTES * 257).astype("u2"), (), r"8 bits that were stretched.*\(--bits 8\)"),
+        (BYTES.astype("u2"), (), "Give --bits 8 for 256 levels or --bits 16 for 65536"),
+        (BYTES.astype("u2"), (None, 6), "up to 255, and --bits 6 has 0 to 63. Give --bits 8 or more"),
+        ((BYTES * 257).astype("u2"), (), "The levels can be 8 bits stretched to 0 to 65535"),
         (BYTES, (), r"int64 up to 255 can be levels of any number of bits \(--bits N\), or degrees"),
-        (BYTES - 5, (), "go down to -5, and levels begin at 0: say --units"),
-        (BYTES + 65400, (None, 8), "an SLM has 65536 at most"),
+        (BYTES - 5, (), "The whole numbers go down to -5, and levels start at"),
+        (BYTES + 65400, (None, 8), "The levels go up to 65655, and an SLM has at"),
         (np.array([[[[0, 8, 16]]]], "u1"), (None, 5), "5 bits as they are .* or the top 5 bits of 8"),
         (BYTES > 3, (None, 8), "true or false have one bit"),
-        (BYTES, (None, 17), "1 to 16 bits, not 17"),
+        (BYTES, (None, 17), "Expected 1 to 16 bits, got 17. Give those of the"),
         (BYTES * 1.0, (None, 4), "go from 0 to 255, and --bits 4 has 0 to 15"),
-        (RAMP * 255, (None, 8), "no whole numbers"),
-        (RAMP, ("levels",), "any number of bits: give it by --bits"),
-        (RAMP, ("radians", 8), "no bits: leave out --bits"),
-        (RAMP, ("gradians",), "not in 'gradians': choose one by --units"),
+        (RAMP * 255, (None, 8), "Levels of --bits are whole numbers, the phases are not. Omit"),
+        (RAMP, ("levels",), "Levels of a floating-point type may have any number of bits"),
+        (RAMP, ("radians", 8), "Phases in radians have no bits. Omit --bits, or give --units"),
+        (RAMP, ("gradians",), "Expected units radians, turns, pi, degrees, levels, got"),
     ],
 )
-def test_what_is_refused(array, said, says):
+def test_what_is_refused(array, attributes, says):
     with pytest.raises(InvalidInput, match=says):
-        radians_of(array, *said)
+        radians_of(array, *attributes)
 
 
 def test_words_of_files():
-    assert [known_units(text) for text in ("radians; wrapped", "Rad", "waves", "deg", "m", 3)] == [
+    assert [parse_units(text) for text in ("radians; wrapped", "Rad", "waves", "deg", "m", 3)] == [
         "radians",
         "radians",
         "turns",

@@ -1,4 +1,4 @@
-"""What Cycles evaluates for us, against Cycles' own pictures."""
+"""Baking by Cycles against Cycles' own pictures."""
 
 import threading
 
@@ -80,7 +80,7 @@ def test_generated_coordinates_stay_with_the_undeformed_mesh(stage):
 
 
 def test_nodes_inside_groups_and_numbers(stage):
-    """Three numbers and a colour, two of them from within a group within a group."""
+    """Three numbers and a color, two of them from within a group within a group."""
     inner = bpy.data.node_groups.new("inner", "ShaderNodeTree")
     inner.interface.new_socket("Scale", in_out="INPUT", socket_type="NodeSocketFloat")
     inner.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
@@ -126,9 +126,9 @@ def test_image_adjusted_by_nodes_and_a_second_uv_map(stage):
     tree.links.new(first.outputs["Color"], bright.inputs["Color"])
     mix = add(material, "ShaderNodeMix")
     mix.data_type = "RGBA"
-    colours = [socket for socket in mix.inputs if socket.type == "RGBA"]
-    tree.links.new(bright.outputs["Color"], colours[0])
-    tree.links.new(second.outputs["Color"], colours[1])
+    colors = [socket for socket in mix.inputs if socket.type == "RGBA"]
+    tree.links.new(bright.outputs["Color"], colors[0])
+    tree.links.new(second.outputs["Color"], colors[1])
     result = next(socket for socket in mix.outputs if socket.type == "RGBA")
     tree.links.new(result, shader_of(material).inputs["Color"])
     plane = stage.plane(3, material)
@@ -252,7 +252,7 @@ def test_atlas_has_no_overlaps(stage, monkeypatch, charted):
 
 
 def test_from_another_thread_nothing_is_baked_but_noted(stage):
-    """As where the main thread does not answer while Blender renders."""
+    """Baking is impossible, as where the main thread is busy while Blender renders."""
     stage.plane(3, noise(stage)[0])
     stage.world((0.1, 0.1, 0.1))
     before, found = counts(), []
@@ -317,13 +317,13 @@ def test_worlds_of_two_shaders(stage, small_worlds):
     assert apart(stage, spp=128)[0] < 0.02
 
 
-@pytest.mark.parametrize("how", ["colour and strength", "sum", "mix by a texture"])
+@pytest.mark.parametrize("how", ["color and strength", "sum", "mix by a texture"])
 def test_emission_of_several_textures(stage, how):
     material = stage.material(EMISSION)
     tree, first = material.node_tree, shader_of(material)
     textures = [add(material, "ShaderNodeTexNoise", Scale=s, Detail=0.0) for s in (1.5, 3.0, 2.0)]
     tree.links.new(textures[0].outputs["Color"], first.inputs["Color"])
-    if how == "colour and strength":
+    if how == "color and strength":
         tree.links.new(textures[1].outputs["Color"], first.inputs["Strength"])
     else:
         second = add(material, EMISSION)
@@ -363,7 +363,7 @@ def test_nodes_that_ask_for_the_back_are_told(stage):
 
 
 def test_what_is_baked_stays_in_place_beside_anisotropy(stage):
-    """Whose direction is of a UV map: what is baked has one of its own."""
+    """The direction of anisotropy is that of a UV map, which baking replaces."""
     material, texture = noise(stage, "Base Color", PRINCIPLED, Scale=2.0, Detail=0.0)
     principled = shader_of(material)
     for name, value in (("Metallic", 1.0), ("Roughness", 0.8), ("Anisotropic", 0.2)):
@@ -509,7 +509,7 @@ def test_the_world_is_baked_once(stage, monkeypatch):
         cache.close()
 
 
-def test_object_colour(stage):
+def test_object_color(stage):
     from holopath_addon.export import ExportCache, export_scene
 
     material = stage.material(EMISSION)
@@ -518,10 +518,10 @@ def test_object_colour(stage):
     plane = stage.plane(6, material)
     cache = ExportCache()
     try:
-        for colour in ((1, 0, 0, 1), (0, 1, 0, 1)):
-            plane.color = colour
+        for color in ((1, 0, 0, 1), (0, 1, 0, 1)):
+            plane.color = color
             exported = export_scene(bpy.context.evaluated_depsgraph_get(), (32, 32), cache=cache)
-            assert stage.mitsuba(spp=4, exported=exported)[16, 16] == pytest.approx(colour[:3], abs=0.01)
+            assert stage.mitsuba(spp=4, exported=exported)[16, 16] == pytest.approx(color[:3], abs=0.01)
     finally:
         cache.close()
 

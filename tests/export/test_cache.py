@@ -230,7 +230,7 @@ CHANGES = {
     "modifier": _toggle_modifier,
     "slot": _swap_material,
     "object slot": _object_material,
-    "colour": lambda: setattr(
+    "color": lambda: setattr(
         _principled("noted").inputs["Base Color"], "default_value", (random.random(), 0, 0, 1)
     ),
     "emission": _set(
@@ -239,7 +239,7 @@ CHANGES = {
     "group": _group_edit,
     "paint": _paint,
     "pack": _pack,
-    "colour space": _set(
+    "color space": _set(
         "D.images['picture'].colorspace_settings.name", lambda: random.choice(("sRGB", "Non-Color"))
     ),
     "hide": _set("D.objects['sphere 1'].hide_viewport", lambda: random.random() < 0.5),
@@ -408,7 +408,7 @@ def test_instances_shared_or_copied(stage, cache, monkeypatch):
     for x in range(1, 4):
         stage.link(bpy.data.objects.new(f"copy {x}", obj.data)).location = (x, 0, 0)
     for limit in (10**9, 0, 10**9, 0):
-        monkeypatch.setattr(contents_module, "COPIED_TRIANGLES", limit)
+        monkeypatch.setattr(contents_module, "MAX_COPIED_TRIANGLES", limit)
         assert_same(cache)
         bpy.data.objects["copy 1"].location.y += 1
         assert_same(cache)

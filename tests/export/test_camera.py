@@ -44,18 +44,18 @@ def test_projects_as_blender_does(stage, fit, resolution, scale):
         assert project(camera, np.array(point) * scale, resolution) == pytest.approx(expected, abs=1e-5)
 
 
-def coloured_corners(stage):
-    """Panels of pure colours in three corners of the view."""
-    for colour, place in (
+def colored_corners(stage):
+    """Panels of pure colors in three corners of the view."""
+    for color, place in (
         ((1, 0, 0, 1), (-0.5, -0.4)),
         ((0, 1, 0, 1), (0.5, -0.4)),
         ((0, 0, 1, 1), (-0.5, 0.5)),
     ):
-        stage.plane(0.3, stage.material("ShaderNodeEmission", Color=colour), location=(*place, 0))
+        stage.plane(0.3, stage.material("ShaderNodeEmission", Color=color), location=(*place, 0))
 
 
-def centres(image):
-    """Where each channel's light is, pixels, shape (3, 2)."""
+def centers(image):
+    """Position of each channel's light, pixels, shape (3, 2)."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     return np.array([[(c * x).sum(), (c * y).sum()] / c.sum() for c in np.moveaxis(image, 2, 0)])
 
@@ -63,28 +63,28 @@ def centres(image):
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("resolution", [(48, 32), (32, 48)])
 def test_shows_what_cycles_shows(stage, fit, resolution):
-    coloured_corners(stage)
+    colored_corners(stage)
     data = stage.camera.data
     data.sensor_fit, data.sensor_width, data.sensor_height = fit, 30, 20
     data.lens, data.shift_x, data.shift_y = 28, 0.13, -0.07
     ours, theirs = (render(resolution, spp=64) for render in (stage.mitsuba, stage.cycles))
-    assert centres(ours) == pytest.approx(centres(theirs), abs=0.15)
+    assert centers(ours) == pytest.approx(centers(theirs), abs=0.15)
 
 
 @pytest.mark.parametrize(
     "scale", [(2, 0.5, 3), (-1, 1, 1), (1, -2, 1), (-1, -1, 1), (1, 1, -1), (-1, -1, -1)]
 )
 def test_scaled_and_mirrored_cameras(stage, scale):
-    coloured_corners(stage)
+    colored_corners(stage)
     stage.camera.scale = scale
     stage.camera.location.z *= np.sign(scale[2])
     ours, theirs = (render((48, 48), spp=64) for render in (stage.mitsuba, stage.cycles))
-    assert centres(ours) == pytest.approx(centres(theirs), abs=0.15)
+    assert centers(ours) == pytest.approx(centers(theirs), abs=0.15)
     assert stage.export().notes == []
 
 
 def test_mirrored_cameras_have_mirrored_holograms(stage):
-    coloured_corners(stage)
+    colored_corners(stage)
     stage.camera.scale = (-1, 1, 1)
     stage.camera.data.shift_x = 0.05
     exported = stage.export((96, 96))
@@ -92,18 +92,18 @@ def test_mirrored_cameras_have_mirrored_holograms(stage):
     field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=8))
     (picture,) = engine.reconstruct(field, [4.0])
     (truth,) = engine.reference(exported.scene, exported.camera, hologram, [4.0], spp=16, near=field.near)
-    theirs = centres(stage.cycles((96, 96), spp=64))
-    assert centres(truth) == pytest.approx(theirs, abs=0.3)
-    assert centres(picture) == pytest.approx(theirs, abs=2)
+    theirs = centers(stage.cycles((96, 96), spp=64))
+    assert centers(truth) == pytest.approx(theirs, abs=0.3)
+    assert centers(picture) == pytest.approx(theirs, abs=2)
 
 
 def test_parented_cameras(stage):
-    coloured_corners(stage)
+    colored_corners(stage)
     parent = stage.link(bpy.data.objects.new("parent", None))
     parent.location, parent.rotation_euler, parent.scale = (0.2, -0.1, 1), (0.1, -0.05, 0.4), (1.5, 1.5, 1.5)
     stage.camera.parent, stage.camera.location = parent, (0, 0, 2)
     ours, theirs = (render((48, 48), spp=64) for render in (stage.mitsuba, stage.cycles))
-    assert centres(ours) == pytest.approx(centres(theirs), abs=0.15)
+    assert centers(ours) == pytest.approx(centers(theirs), abs=0.15)
     assert stage.export().notes == []
     parent.scale, stage.camera.rotation_euler = (2, 1, 1), (0, 0, 0.6)
     bpy.context.view_layer.update()

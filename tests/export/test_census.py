@@ -27,7 +27,7 @@ def test_the_census_has_all_that_this_blender_has_once_and_no_more(found):
 
 
 def test_a_made_up_property_is_missed(stage):
-    """In one of Blender's types and in Cycles' settings, but not where an add-on registers it; a node; a socket."""
+    """New properties of Blender's types and Cycles' settings are found, but not those of add-ons; a node; a socket."""
     cycles = type(bpy.context.scene.cycles)
     bpy.types.Object.made_up = cycles.made_up = bpy.props.FloatProperty()
     try:

@@ -41,7 +41,7 @@ def test_modifiers_are_applied(stage):
     assert bounds(scene) == pytest.approx(np.array([[-0.5, -0.5, -0.5], [4.5, 0.5, 0.5]]), abs=1e-5)
 
 
-def test_unit_scale_is_metres(stage):
+def test_unit_scale_is_meters(stage):
     obj = cube(stage)
     obj.location = (10, 0, 0)
     stage.scene.unit_settings.scale_length = 0.01
@@ -121,7 +121,7 @@ def test_many_instances_share_one_mesh(stage, monkeypatch):
         copy = stage.link(bpy.data.objects.new(f"copy {k}", obj.data))
         copy.location, copy.scale, copy.rotation_euler = (3 * k, 0, 0), (-1, 2, 1), (0.1 * k, 0, 0)
     copies = stage.export().scene
-    monkeypatch.setattr(module, "COPIED_TRIANGLES", 0)
+    monkeypatch.setattr(module, "MAX_COPIED_TRIANGLES", 0)
     shared = stage.export().scene
     assert [repr(shape).split("[")[0] for shape in shared.shapes()] == ["Instance"] * 5
     for x in (0, 3, 12):
@@ -178,7 +178,7 @@ def test_materials_by_slot_and_object(stage):
 
 
 def test_what_nodes_scatter_is_shown_where_its_source_is_not(stage):
-    """As Cycles does: the source is switched off in renders, its instances are not."""
+    """Instances stay visible if their source is disabled in renders, as in Cycles."""
     source = cube(stage, "source")
     source.hide_render = True
     ground = stage.plane(size=4, location=(0, 0, 10))
@@ -379,10 +379,10 @@ def test_linked_libraries(stage, tmp_path):
     bpy.data.libraries.write(path, {collection}, fake_user=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     again = type(stage)()
-    with bpy.data.libraries.load(path, link=True) as (_, wanted):
-        wanted.collections = ["library things"]
+    with bpy.data.libraries.load(path, link=True) as (_, target):
+        target.collections = ["library things"]
     empty = again.link(bpy.data.objects.new("instance", None))
-    empty.instance_type, empty.instance_collection = "COLLECTION", wanted.collections[0]
+    empty.instance_type, empty.instance_collection = "COLLECTION", target.collections[0]
     empty.location.x = 2
     scene = again.export().scene
     assert bounds(scene)[:, 0] == pytest.approx((1.5, 2.5), abs=1e-4)

@@ -179,7 +179,7 @@ def test_balls_look_as_large_as_their_spheres(count):
     rng = np.random.default_rng(0)
     surface = balls(rng.normal(size=(count, 3)), np.full(count, 0.3))
     assert surface.area() / count == pytest.approx(4 * np.pi * 0.3**2, rel=1e-4)
-    weighted = surface._weighted_normals()[: len(surface.faces) // count]
+    weighted = surface._area_normals()[: len(surface.faces) // count]
     outward = surface.normals[surface.faces[: len(weighted)]].mean(1)
     assert ((weighted * outward).sum(1) > 0).all()
     for side in rng.normal(size=(8, 3)):

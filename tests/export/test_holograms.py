@@ -79,7 +79,7 @@ def test_mixed_shaders(stage):
     ],
 )
 def test_bumps_and_procedural_textures(stage, roughness, metallic):
-    """A ball whose colour and bumps are noise, matt, glossy and polished."""
+    """A ball whose color and bumps are noise, matt, glossy and polished."""
     material = stage.material(PRINCIPLED, Roughness=roughness, Metallic=metallic)
     tree = material.node_tree
     principled = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)

@@ -46,11 +46,11 @@ def test_paths_are_the_same_to_the_bit(crowd, monkeypatch):
     # floor, and for each color smooth and flat ones
     assert set(shapes_of(joined.scene)) >= {"floor", "box 0 and 13 more", "box 4 and 12 more"}
     assert len(joined.scene.shapes()) == 1 + 6
-    seen = crowd.mitsuba(exported=joined, spp=16)
+    view = crowd.mitsuba(exported=joined, spp=16)
     apart(monkeypatch)
     separate = crowd.export()
     assert len(separate.scene.shapes()) == 1 + 80
-    assert np.array_equal(seen, crowd.mitsuba(exported=separate, spp=16))
+    assert np.array_equal(view, crowd.mitsuba(exported=separate, spp=16))
     assert [str(note) for note in joined.notes] == [str(note) for note in separate.notes]
 
 
@@ -63,15 +63,15 @@ def test_baked_light_is_the_same(crowd, monkeypatch):
     hologram = engine.Hologram(width=96, height=96, pitch=8e-6, wavelengths=(516.5e-9,))
     settings = engine.Settings(frames=8, method="fast", seed=1, quality="preview")
 
-    def seen():
+    def view():
         scene = crowd.export((96, 96))
         field = engine.render(scene.scene, scene.camera, hologram, settings)
         assert not field.report["bake"]["traced"]
         return np.asarray(engine.reconstruct(field, focus=[6.0]))[0, 8:-8, 8:-8, 0], field.report["bake"]
 
-    joined, bake = seen()
+    joined, bake = view()
     apart(monkeypatch)
-    separate, baked_apart = seen()
+    separate, baked_apart = view()
     difference = np.linalg.norm(joined - separate) / np.linalg.norm(separate)
     assert difference < np.hypot(bake["error"], baked_apart["error"])
     assert joined.mean() == pytest.approx(separate.mean(), rel=0.01)
@@ -94,11 +94,11 @@ def test_what_stays_a_mesh_of_its_own(crowd):
 
 
 def test_joined_meshes_have_charts(stage):
-    """As many triangles as baked light unwraps, and no more."""
+    """Joined meshes have at most the triangles that baked light unwraps."""
     if CHARTED_TRIANGLES:  # there is xatlas
         assert joining.MAX_TRIANGLES == CHARTED_TRIANGLES
-    grey = stage.material("ShaderNodeBsdfDiffuse", "grey")
-    stage.sphere(0.1, grey)
+    gray = stage.material("ShaderNodeBsdfDiffuse", "gray")
+    stage.sphere(0.1, gray)
     sphere = bpy.data.objects["sphere"]
     for number in range(joining.MANY_MESHES):
         copy = stage.link(bpy.data.objects.new(f"copy {number}", sphere.data))
@@ -145,13 +145,13 @@ def test_a_kept_export_joins_anew_what_changed(crowd):
 
 def test_repeated_meshes_are_copied_within_bounds(stage, monkeypatch):
     """The first ones, as far as there is room for copies: the cost of instances grows with their number's square."""
-    grey = stage.material("ShaderNodeBsdfDiffuse", "grey")
+    gray = stage.material("ShaderNodeBsdfDiffuse", "gray")
     for kind in ("a", "b", "c"):
-        first = stage.plane(0.1, grey, kind)
+        first = stage.plane(0.1, gray, kind)
         for number in range(29):
             copy = stage.link(bpy.data.objects.new(f"{kind} {number}", first.data))
             copy.location = (number, ord(kind), 0)
-    monkeypatch.setattr(contents, "COPIED_TRIANGLES", 2 * 30 * 2)
+    monkeypatch.setattr(contents, "MAX_COPIED_TRIANGLES", 2 * 30 * 2)
     shapes = stage.export().scene.shapes()
     assert sum(shape.is_mesh() for shape in shapes) == 2 * 30
     assert len(shapes) == 3 * 30

@@ -20,8 +20,8 @@ def linked(folder, *, plane):
     library, main = folder / "library.blend", folder / "main.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(library))
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
-        wanted.objects, wanted.collections, wanted.materials = ["Chair"], ["Room"], ["Wood"]
+    with bpy.data.libraries.load(str(library), link=True) as (_, target):
+        target.objects, target.collections, target.materials = ["Chair"], ["Room"], ["Wood"]
     scene = bpy.context.scene
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     instance = bpy.data.objects.new("Instance", None)

@@ -40,11 +40,11 @@ def check_as_in_cycles(stage):
 HARD = dict(use_soft_falloff=False)
 LAMPS = {
     "point without size": ("POINT", dict(shadow_soft_size=0.0)),
-    "point of a colour": ("POINT", dict(shadow_soft_size=0.1, color=(1, 0.5, 0.1))),
+    "point of a color": ("POINT", dict(shadow_soft_size=0.1, color=(1, 0.5, 0.1))),
     "point near": ("POINT", dict(shadow_soft_size=0.5, location=(0, 0, 0.6))),
     "point, temperature, exposure": ("POINT", dict(use_temperature=True, temperature=3000, exposure=1.5)),
-    "point, not normalised": ("POINT", dict(normalize=False, shadow_soft_size=0.1)),
-    "point without size, not normalised": ("POINT", dict(normalize=False, shadow_soft_size=0.0)),
+    "point, not normalized": ("POINT", dict(normalize=False, shadow_soft_size=0.1)),
+    "point without size, not normalized": ("POINT", dict(normalize=False, shadow_soft_size=0.0)),
     "sphere near": ("POINT", dict(shadow_soft_size=0.5, location=(0, 0, 0.6), **HARD)),
     "sphere through the floor": ("POINT", dict(shadow_soft_size=0.5, location=(0, 0, 0.3), **HARD)),
     "scaled point": ("POINT", dict(shadow_soft_size=0.3, location=(0, 0, 1), scale=(3, 1, 2))),
@@ -54,7 +54,7 @@ LAMPS = {
     "ellipse": ("AREA", dict(size=1.0, size_y=2.0, shape="ELLIPSE")),
     "scaled area": ("AREA", dict(size=1.0, scale=(3, 0.5, 1))),
     "mirrored area": ("AREA", dict(size=1.0, scale=(1, 1, -1), rotation=(math.pi, 0, 0))),
-    "area, not normalised": ("AREA", dict(size=0.7, normalize=False)),
+    "area, not normalized": ("AREA", dict(size=0.7, normalize=False)),
     "spread of 175 degrees": ("AREA", dict(size=1.0, spread=math.radians(175))),
     "spread of 86 degrees": ("AREA", dict(size=0.3, spread=1.5)),
     "disk, spread of 20 degrees": ("AREA", dict(size=1.5, shape="DISK", spread=math.radians(20))),
@@ -68,7 +68,7 @@ LAMPS = {
     "sun": ("SUN", dict(angle=0.0092, rotation=(0.5, 0.2, 0))),
     "wide sun": ("SUN", dict(angle=0.5, rotation=(0.5, 0.2, 0))),
     "sun of 180 degrees": ("SUN", dict(angle=math.pi, rotation=(0.5, 0.2, 0))),
-    "sun, not normalised": ("SUN", dict(angle=0.5, normalize=False)),
+    "sun, not normalized": ("SUN", dict(angle=0.5, normalize=False)),
     "spot": ("SPOT", dict(shadow_soft_size=0.0, spot_size=1.0, spot_blend=1.0)),
     "sharp spot": ("SPOT", dict(shadow_soft_size=0.0, spot_size=1.0, spot_blend=0.0)),
     "spot with size": (
@@ -130,14 +130,14 @@ def test_blackbody_node(stage, kelvin):
 
 def test_blackbody_is_blenders():
     from holopath_addon.engine.scene import variants
-    from holopath_addon.export.shading.blackbody import blackbody_colour
+    from holopath_addon.export.shading.blackbody import blackbody_color
 
     variants.activate()
     light = bpy.data.lights.new("light", "POINT")
     light.use_temperature = True
     for kelvin in (1200, 2000, 3000, 4500, 6500, 9000, 12000, 20000):
         light.temperature = kelvin
-        assert blackbody_colour(kelvin) == pytest.approx(np.array(light.temperature_color), abs=1.5e-3)
+        assert blackbody_color(kelvin) == pytest.approx(np.array(light.temperature_color), abs=1.5e-3)
 
 
 @pytest.mark.parametrize("output", ["Quadratic", "Linear", "Constant"])
@@ -287,7 +287,7 @@ def test_unit_scale_keeps_the_picture(stage):
     assert stage.mitsuba().mean((0, 1)) == pytest.approx(before, rel=0.01)
 
 
-def test_world_colour(stage):
+def test_world_color(stage):
     floor(stage, 1)
     stage.world((0.2, 0.4, 0.6), 1.5)
     image = stage.mitsuba()

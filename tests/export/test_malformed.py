@@ -169,7 +169,7 @@ def test_loose_vertices_and_degenerate_faces(stage):
     emission = stage.material("ShaderNodeEmission")
     faces = [(0, 1, 2), (0, 0, 1), (0, 1, 3), (2, 4, 5)]
     points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (0, 1, 0), (0, 1, 0), (50, 50, 50)]
-    for name, material in (("grey", None), ("bright", emission)):
+    for name, material in (("gray", None), ("bright", emission)):
         mesh = stage.mesh(name, points, faces, material)
         mesh.data.shade_smooth()
     stage.world()
@@ -242,7 +242,7 @@ def test_far_from_the_origin(stage):
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_scene_and_camera_far_from_the_origin(stage, scale):
-    """Kilometres away Mitsuba's rays would start a metre above surfaces; instances, hair and lamps move along."""
+    """Kilometers away Mitsuba's rays would start a meter above surfaces; instances, hair and lights move along."""
     stage.scene.unit_settings.scale_length = scale
     scene_of_size(stage, 1)
     things = bpy.data.collections.new("things")

@@ -22,7 +22,7 @@ QUADRANTS = {
 
 
 def quadrant_image(stage, space="Non-Color"):
-    """Four colours, 8 x 8 pixels (linear: Cycles interpolates between sRGB values before it decodes them)."""
+    """Four colors, 8 x 8 pixels (linear: Cycles interpolates between sRGB values before it decodes them)."""
     pixels = np.zeros((8, 8, 3))
     pixels[:4, :4], pixels[:4, 4:], pixels[4:, :4], pixels[4:, 4:] = QUADRANTS.values()
     return stage.image(pixels, space=space)
@@ -120,7 +120,7 @@ def test_principled_ball(stage, metallic, transmission, roughness):
 
 
 BASE = {"Base_Color": (0.8, 0.5, 0.2, 1)}
-COLOUR = {"Color": (0.8, 0.5, 0.2, 1)}
+COLOR = {"Color": (0.8, 0.5, 0.2, 1)}
 TINT = (0.9, 0.4, 0.2, 1)
 GLOSSY, GLASS = "ShaderNodeBsdfAnisotropic", "ShaderNodeBsdfGlass"
 METALLIC, REFRACTION = "ShaderNodeBsdfMetallic", "ShaderNodeBsdfRefraction"
@@ -143,20 +143,20 @@ METALLIC, REFRACTION = "ShaderNodeBsdfMetallic", "ShaderNodeBsdfRefraction"
         (PRINCIPLED, dict(BASE, Coat_Weight=0.5, Coat_Roughness=0.5, Coat_IOR=1.8, Coat_Tint=TINT), {}),
         (PRINCIPLED, dict(BASE, Transmission_Weight=1.0, Roughness=0.4, Specular_Tint=TINT), {}),
         (PRINCIPLED, dict(BASE, Transmission_Weight=0.5, Roughness=0.6, Coat_Weight=1.0), {}),
-        (GLOSSY, dict(COLOUR, Roughness=1.0), {}),
-        (GLOSSY, dict(COLOUR, Roughness=0.5), {"distribution": "BECKMANN"}),
-        (GLASS, dict(COLOUR, Roughness=0.3), {}),
-        (GLASS, dict(COLOUR, Roughness=1.0), {}),
-        (GLASS, dict(COLOUR, Roughness=0.7), {"distribution": "GGX"}),
-        (REFRACTION, dict(COLOUR, Roughness=0.0), {}),
-        (REFRACTION, dict(COLOUR, Roughness=0.4), {}),
-        (REFRACTION, dict(COLOUR, Roughness=0.4), {"distribution": "GGX"}),
+        (GLOSSY, dict(COLOR, Roughness=1.0), {}),
+        (GLOSSY, dict(COLOR, Roughness=0.5), {"distribution": "BECKMANN"}),
+        (GLASS, dict(COLOR, Roughness=0.3), {}),
+        (GLASS, dict(COLOR, Roughness=1.0), {}),
+        (GLASS, dict(COLOR, Roughness=0.7), {"distribution": "GGX"}),
+        (REFRACTION, dict(COLOR, Roughness=0.0), {}),
+        (REFRACTION, dict(COLOR, Roughness=0.4), {}),
+        (REFRACTION, dict(COLOR, Roughness=0.4), {"distribution": "GGX"}),
         (METALLIC, dict(Roughness=0.3), {}),
         (METALLIC, dict(Roughness=0.3), {"fresnel_type": "PHYSICAL_CONDUCTOR"}),
-        (DIFFUSE, dict(COLOUR, Roughness=0.7), {}),
-        ("ShaderNodeBsdfTranslucent", COLOUR, {}),
-        ("ShaderNodeBsdfSheen", COLOUR, {}),
-        ("ShaderNodeBsdfTransparent", COLOUR, {}),
+        (DIFFUSE, dict(COLOR, Roughness=0.7), {}),
+        ("ShaderNodeBsdfTranslucent", COLOR, {}),
+        ("ShaderNodeBsdfSheen", COLOR, {}),
+        ("ShaderNodeBsdfTransparent", COLOR, {}),
     ],
 )
 @pytest.mark.parametrize("lit_by", [pytest.param("world", marks=pytest.mark.slow), "panel"])
@@ -175,7 +175,7 @@ def test_ball_of_each_closure(stage, node, values, settings, lit_by):
 
 
 def light(stage, by, size=1.5):
-    """A grey world, or a dim one with a bright panel behind the camera: the larger, the dimmer."""
+    """A gray world, or a dim one with a bright panel behind the camera: the larger, the dimmer."""
     stage.world((0.5, 0.5, 0.5) if by == "world" else (0.1, 0.1, 0.1))
     if by == "panel":
         glow = stage.material(EMISSION, "panel", Strength=45.0 / size**2)
@@ -190,8 +190,8 @@ def light(stage, by, size=1.5):
     [
         (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=0.5, Anisotropic=0.8)),
         (PRINCIPLED, dict(BASE, Roughness=0.4, Anisotropic=0.8, Anisotropic_Rotation=0.15)),
-        pytest.param(GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=0.7), marks=pytest.mark.slow),
-        (GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=-0.7, Rotation=0.1)),
+        pytest.param(GLOSSY, dict(COLOR, Roughness=0.5, Anisotropy=0.7), marks=pytest.mark.slow),
+        (GLOSSY, dict(COLOR, Roughness=0.5, Anisotropy=-0.7, Rotation=0.1)),
         pytest.param(METALLIC, dict(Roughness=0.5, Anisotropy=0.7), marks=pytest.mark.slow),
     ],
 )
@@ -212,9 +212,9 @@ def test_anisotropy_along_a_uv_map(stage, node, values):
 @pytest.mark.parametrize(
     "node, values, socket",
     [
-        (GLASS, COLOUR, "Roughness"),
-        (GLOSSY, COLOUR, "Roughness"),
-        (REFRACTION, COLOUR, "Roughness"),
+        (GLASS, COLOR, "Roughness"),
+        (GLOSSY, COLOR, "Roughness"),
+        (REFRACTION, COLOR, "Roughness"),
         (PRINCIPLED, dict(BASE, Coat_Weight=1.0), "Coat Roughness"),
         (PRINCIPLED, dict(BASE, Sheen_Weight=1.0), "Sheen Roughness"),
         (PRINCIPLED, dict(BASE, Roughness=1.0), "Diffuse Roughness"),
@@ -238,17 +238,17 @@ def test_closure_inputs_by_texture(stage, node, values, socket):
     "node, values, settings, bound, feature",
     [
         (PRINCIPLED, dict(BASE, Subsurface_Weight=0.5), {}, 0.03, "Principled Subsurface Weight"),
-        ("ShaderNodeSubsurfaceScattering", COLOUR, {}, 0.05, "Subsurface Scattering node"),
+        ("ShaderNodeSubsurfaceScattering", COLOR, {}, 0.05, "Subsurface Scattering node"),
         (
             GLOSSY,
-            dict(COLOUR, Roughness=0.5),
+            dict(COLOR, Roughness=0.5),
             {"distribution": "ASHIKHMIN_SHIRLEY"},
             0.08,
             "Glossy BSDF of the Ashikhmin_Shirley kind",
         ),
         (
             "ShaderNodeBsdfSheen",
-            COLOUR,
+            COLOR,
             {"distribution": "ASHIKHMIN"},
             0.1,
             "Sheen BSDF of the Ashikhmin kind",
@@ -319,12 +319,12 @@ def test_weights_by_texture(stage, socket):
     assert stage.export().notes == []
 
 
-@pytest.mark.parametrize("case", ["alpha", "mix", "mix, swapped", "grey", "tinted", "emission"])
+@pytest.mark.parametrize("case", ["alpha", "mix", "mix, swapped", "gray", "tinted", "emission"])
 @pytest.mark.parametrize("lit_by", ["world", "lamp"])
 def test_transparency(stage, case, lit_by):
     """A pane over a floor: what is seen through it, and the shadow it casts."""
     values = dict(Color=(0.2, 0.4, 0.8, 1))
-    if case == "grey":
+    if case == "gray":
         material = stage.material("ShaderNodeBsdfTransparent", "pane", Color=(0.3, 0.3, 0.3, 1))
     elif case == "tinted":
         material = stage.material("ShaderNodeBsdfTransparent", "pane", **values)
@@ -352,14 +352,14 @@ def test_transparency(stage, case, lit_by):
     )
 
 
-def test_alpha_of_vertex_colours_casts_its_shadow(stage):
-    """From 0 to 1 over the pane: the floor below is lit through it as in Cycles."""
+def test_alpha_of_vertex_colors_casts_its_shadow(stage):
+    """The floor is lit through a pane with values from 0 to 1 as in Cycles."""
     leaf = stage.material(PRINCIPLED, "leaf", Base_Color=(0.2, 0.4, 0.8, 1), Roughness=1.0)
     tree = leaf.node_tree
-    colours = tree.nodes.new("ShaderNodeVertexColor")
-    colours.layer_name = "painted"
+    colors = tree.nodes.new("ShaderNodeVertexColor")
+    colors.layer_name = "painted"
     shader = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
-    tree.links.new(colours.outputs["Alpha"], shader.inputs["Alpha"])
+    tree.links.new(colors.outputs["Alpha"], shader.inputs["Alpha"])
     pane = stage.plane(1.4, leaf, "leaf", (0.2, 0.2, 0.8))
     painted = pane.data.color_attributes.new("painted", "BYTE_COLOR", "CORNER")
     painted.data.foreach_set("color", np.repeat(np.float32([0, 1, 1, 0]), 4))
@@ -503,7 +503,7 @@ def test_emitters_light_both_their_sides(stage):
     assert floor.name == "plane"
 
 
-@pytest.mark.parametrize("socket", ["emission", "base colour"])
+@pytest.mark.parametrize("socket", ["emission", "base color"])
 def test_textures_are_upright(stage, socket):
     material = stage.material(EMISSION) if socket == "emission" else stage.material(DIFFUSE)
     stage.texture(material, quadrant_image(stage), "Color")
@@ -512,8 +512,8 @@ def test_textures_are_upright(stage, socket):
     image = stage.mitsuba(spp=64)
     near, far = 13, 19
     corners = image[near, near], image[near, far], image[far, near], image[far, far]
-    for colour, seen in zip(QUADRANTS.values(), corners, strict=True):
-        assert seen == pytest.approx(colour, abs=0.05)
+    for color, view in zip(QUADRANTS.values(), corners, strict=True):
+        assert view == pytest.approx(color, abs=0.05)
     assert stage.ratio((slice(9, 23), slice(9, 23)), spp=64) == pytest.approx(np.ones(3), abs=0.02)
 
 
@@ -538,10 +538,10 @@ def test_extension_and_mapping(stage, extension):
 @pytest.mark.parametrize(
     "space, float_buffer", [("sRGB", False), ("Non-Color", False), ("Linear Rec.709", True)]
 )
-def test_colour_spaces(stage, space, float_buffer):
+def test_color_spaces(stage, space, float_buffer):
     material = stage.material(EMISSION)
-    grey = stage.image(np.full((4, 4, 3), 0.5), float_buffer=float_buffer, space=space)
-    stage.texture(material, grey, "Color")
+    gray = stage.image(np.full((4, 4, 3), 0.5), float_buffer=float_buffer, space=space)
+    stage.texture(material, gray, "Color")
     stage.plane(6, material)
     ours, theirs = stage.mitsuba(spp=4)[MIDDLE].mean(), stage.cycles(spp=4)[MIDDLE].mean()
     assert ours == pytest.approx(theirs, rel=0.005)
@@ -605,7 +605,7 @@ def test_principled_with_an_index_of_zero_mirrors_all(stage, roughness):
 @pytest.mark.parametrize("ior", [0.5, 0.9])
 @pytest.mark.parametrize("roughness", [0.0, 0.5])
 def test_principled_below_an_index_of_one(stage, ior, roughness):
-    """From some angle on it reflects all, as in Cycles, where a black one shows nothing else.
+    """Total reflection beyond an angle, as in Cycles, on a black surface.
 
     A white one is as bright as what is around it: no light is lost or gained. (Cycles' gains some: it takes the light
     that the index's inverse reflects from what is below.)
@@ -727,7 +727,7 @@ def test_unsupported_features_are_noted(stage):
     }
 
 
-def test_unknown_shaders_fall_back_to_the_viewport_colour(stage):
+def test_unknown_shaders_fall_back_to_the_viewport_color(stage):
     material = stage.material("ShaderNodeBsdfToon")
     material.diffuse_color = (0.2, 0.4, 0.6, 1)
     stage.plane(6, material)

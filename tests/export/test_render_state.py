@@ -1,4 +1,4 @@
-"""What renders show otherwise than the viewport: as renders in the command line, noted in the window."""
+"""Differences between renders and viewport: the command line shows renders, the window notes them."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def effects(stage):
 
 
 def brightness(stage, samples=32):
-    """Of Mitsuba's image over Cycles'."""
+    """Ratio of Mitsuba's image to Cycles'."""
     return float(np.mean(stage.ratio(spp=samples)))
 
 

@@ -119,7 +119,7 @@ def with_alpha(stage, path=None, deep=False):
     return bpy.data.images.load(str(path))
 
 
-def worn(stage, image, alpha, between=None):
+def add_material(stage, image, alpha, between=None):
     """A plane of the image's color, and its alpha if that is read, in a gray world."""
     material = stage.material("ShaderNodeBsdfPrincipled", Roughness=1.0, Specular_IOR_Level=0.0)
     texture = stage.texture(material, image, "Base Color")
@@ -151,7 +151,7 @@ def worn(stage, image, alpha, between=None):
     ],
 )
 def test_alpha_as_in_cycles(stage, tmp_path, name, deep, alpha):
-    worn(stage, with_alpha(stage, name and tmp_path / name, deep), alpha)
+    add_material(stage, with_alpha(stage, name and tmp_path / name, deep), alpha)
     assert_alike(stage, spp=256)
 
 
@@ -172,13 +172,13 @@ def test_alpha_modes(stage, tmp_path, name, deep, packed, mode):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.tif", "a.webp"])
 def test_files_of_which_cycles_reads_the_alpha_in_ways_of_its_own_are_baked(stage, tmp_path, name):
-    worn(stage, with_alpha(stage, tmp_path / name), False)
+    add_material(stage, with_alpha(stage, tmp_path / name), False)
     assert_alike(stage, spp=512, notes={"Image Texture node into Base Color"})
 
 
 def test_baked_colors_are_divided_by_an_alpha_that_is_read(stage):
-    """Which is not part of what is baked."""
-    worn(stage, with_alpha(stage), True, between="ShaderNodeInvert")
+    """A node that is not part of the bake."""
+    add_material(stage, with_alpha(stage), True, between="ShaderNodeInvert")
     assert_alike(stage, notes={"Invert Color node into Base Color", "Image Texture node into Alpha"})
 
 
@@ -289,7 +289,7 @@ def test_worlds_of_few_texels(stage, pixels):
 
 @pytest.mark.parametrize("noisy", [True, False])
 def test_wide_worlds_that_are_too_bright_between_texels_are_noted(stage, noisy):
-    """Of noise from texel to texel; photographs are smoother."""
+    """Path of an image of white noise; photographs are smoother."""
     x = np.linspace(0, 1, 1100)[None, :, None] * np.ones((4, 1, 3))
     pixels = np.random.default_rng(4).random((4, 1100, 3)) ** 2 if noisy else x
     tree = stage.world().node_tree

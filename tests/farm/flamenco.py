@@ -18,11 +18,11 @@ STEP = re.compile(r"(?:^|(?:render\s+\|\s+))Time: ([0-9:.]+)")
 
 def compiled(settings=None, name="film"):
     """Job type and tasks of a job with these settings, None for the job type alone."""
-    asked = json.dumps({"name": name, "settings": settings})
+    request = json.dumps({"name": name, "settings": settings})
     done = node(
         [str(HERE / "manager.js"), str(SCRIPT)],
         return_completed_process=True,
-        input=asked,
+        input=request,
         capture_output=True,
         text=True,
     )

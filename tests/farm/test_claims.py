@@ -98,7 +98,7 @@ def test_a_process_number_that_is_used_again_is_another_process(tmp_path):
     file.write_text(json.dumps(asdict(claim)))
     with Claims(tmp_path, "tag") as mine:
         assert mine.holder("unit") is None
-        file.write_text(json.dumps(asdict(replace(claim, started=processes.started(os.getpid())))))
+        file.write_text(json.dumps(asdict(replace(claim, started=processes.start_time(os.getpid())))))
         assert mine.holder("unit") is not None
         file.unlink()
 
@@ -108,10 +108,10 @@ def test_a_process_of_another_machine_is_gone_when_its_heart_stops(tmp_path):
     with Claims(tmp_path, "tag") as mine:
         with mine.claim("unit") as held:
             assert not held
-        os.utime(file, (time.time() - claims.STALE + 10,) * 2)
+        os.utime(file, (time.time() - claims.STALE_AFTER + 10,) * 2)
         with mine.claim("unit") as held:
             assert not held
-        os.utime(file, (time.time() - claims.STALE - 10,) * 2)
+        os.utime(file, (time.time() - claims.STALE_AFTER - 10,) * 2)
         with mine.claim("unit") as held:
             assert held
     assert os.listdir(tmp_path) == []
@@ -129,24 +129,24 @@ def test_an_empty_claim_is_one_that_is_being_made(tmp_path):
     file.write_text("")
     with Claims(tmp_path, "tag") as mine:
         assert mine.holder("unit") == Claim()
-        os.utime(file, (time.time() - claims.STALE - 10,) * 2)
+        os.utime(file, (time.time() - claims.STALE_AFTER - 10,) * 2)
         with mine.claim("unit") as held:
             assert held
 
 
 def test_the_heart_beats_and_notices_a_claim_that_was_taken_over(tmp_path, monkeypatch):
-    monkeypatch.setattr(claims, "BEAT", 0.02)
+    monkeypatch.setattr(claims, "TOUCH_INTERVAL", 0.02)
     with Claims(tmp_path, "tag") as mine:
         with mine.claim("unit") as held:
             file = tmp_path / claims.FOLDER / "unit"
-            assert held and not mine.lost("unit")
+            assert held and not mine.is_lost("unit")
             os.utime(file, (0, 0))
             time.sleep(0.2)
             assert file.stat().st_mtime > 0
             of_elsewhere(tmp_path)
             os.utime(file, (0, 0))
             time.sleep(0.2)
-            assert mine.lost("unit") and file.stat().st_mtime == 0
+            assert mine.is_lost("unit") and file.stat().st_mtime == 0
             os.utime(file)
     assert json.loads(file.read_text())["host"] == "elsewhere"  # not ours to give back
 
@@ -155,17 +155,17 @@ def test_of_two_that_find_a_stale_claim_at_once_one_takes_it_over(tmp_path, monk
     file = of_elsewhere(tmp_path)
     os.utime(file, (0, 0))
     with Claims(tmp_path, "tag") as slow, Claims(tmp_path, "tag") as quick:
-        left, taken = slow._left, quick.claim("unit")
+        left, taken = slow._seconds_alive, quick.claim("unit")
 
         def overtaken(*found):
-            monkeypatch.setattr(slow, "_left", left)
-            told = left(*found)
+            monkeypatch.setattr(slow, "_seconds_alive", left)
+            output = left(*found)
             assert taken.__enter__()
-            return told
+            return output
 
-        monkeypatch.setattr(slow, "_left", overtaken)
+        monkeypatch.setattr(slow, "_seconds_alive", overtaken)
         with slow.claim("unit") as held:
-            assert not held and not quick.lost("unit")
+            assert not held and not quick.is_lost("unit")
         taken.__exit__(None, None, None)
     assert os.listdir(tmp_path) == []
 

@@ -14,7 +14,7 @@ import pytest
 
 from holopath_addon import cli
 from holopath_addon.engine import BackendUnavailable, InvalidInput
-from holopath_addon.farm import cluster, crew, errors
+from holopath_addon.farm import cluster, errors, executor
 from holopath_addon.farm import worker as worker_module
 from tests.farm import toy
 from tests.patience import NEVER, SOON
@@ -41,11 +41,11 @@ def nothing_runs_on():
         time.sleep(0.05)
 
 
-class Asked:
+class Request:
     """Toy units of a folder, and what was said of them."""
 
     def __init__(self, folder, seconds, *names):
-        self.folder, self.words, self.said, self.shown, self.done = (
+        self.folder, self.words, self.described, self.shown, self.done = (
             folder,
             [str(folder), str(seconds), *names],
             [],
@@ -60,8 +60,8 @@ class Asked:
             self.done.append((done, message))
             self.look()
 
-        hands = crew.Crew(
-            client, private, self.words, progress, self.said.append, self.shown.append, "tests.farm.toy"
+        hands = executor.ClusterExecutor(
+            client, private, self.words, progress, self.described.append, self.shown.append, "tests.farm.toy"
         )
         return len(hands.work_off(self.folder, self.units, toy.TAG))
 
@@ -139,71 +139,71 @@ def worker(address, path=""):
 
 def test_units_are_made_in_order_by_children_that_stay(tmp_path, monkeypatch):
     monkeypatch.setenv("HOLOPATH_THREADS", "4")
-    asked = Asked(tmp_path, 0.2, "a", "b", "c<b", "d<c", "e")
+    request = Request(tmp_path, 0.2, "a", "b", "c<b", "d<c", "e")
     (tmp_path / "e").mkdir()
     ports = []
-    asked.look = lambda: ports.extend(
+    request.look = lambda: ports.extend(
         address for process in [psutil.Process(), *dask_workers()] for address in listening(process)
     )
-    assert asked.on("local:2") == 4
+    assert request.on("local:2") == 4
     assert names(tmp_path) == ["a", "b", "c", "d", "e"]
     assert {address.ip for address in ports} == {"127.0.0.1"}
     (tmp_path / "e").rmdir()
-    assert len(set(asked.pids().values())) == 2
+    assert len(set(request.pids().values())) == 2
     assert {(tmp_path / name / "threads").read_text() for name in "abcd"} == {"2"}
-    assert any("Sleeping" in line for lines in asked.shown for line in lines)
-    assert asked.done[-1][0] > 0.9 and any("left" in message for _, message in asked.done)
+    assert any("Sleeping" in line for lines in request.shown for line in lines)
+    assert request.done[-1][0] > 0.9 and any("left" in message for _, message in request.done)
 
 
 def test_all_open_the_job_while_one_makes_what_they_need(tmp_path):
     out, opened, early = tmp_path / "out", tmp_path / "out.opened", []
     out.mkdir()
     opened.mkdir()
-    asked = Asked(out, 1.5, "a", "b<a")
-    asked.look = lambda: early.append(len(list(opened.iterdir())) == 2 and not (out / "a").exists())
-    assert asked.on("local:2") == 2
+    request = Request(out, 1.5, "a", "b<a")
+    request.look = lambda: early.append(len(list(opened.iterdir())) == 2 and not (out / "a").exists())
+    assert request.on("local:2") == 2
     assert any(early)
 
 
 @pytest.mark.slow  # what one unit lacks of five is made above
 def test_what_is_done_is_not_made_again(tmp_path):
-    asked = Asked(tmp_path, 0, "a", "b")
+    request = Request(tmp_path, 0, "a", "b")
     for name in "ab":
         (tmp_path / name).mkdir()
-    assert asked.on("local:1") == 0
+    assert request.on("local:1") == 0
 
 
 def test_a_child_that_crashes_is_replaced(tmp_path):
-    asked = Asked(tmp_path, 0, "crash", "b")
-    assert asked.on("local:1") == 2
+    request = Request(tmp_path, 0, "crash", "b")
+    assert request.on("local:1") == 2
     assert names(tmp_path) == ["b", "crash", "crash.crashed"]
 
 
 def test_the_first_refusal_ends_it_all(tmp_path):
-    asked = Asked(tmp_path, NEVER, "a", "bad1")
+    request = Request(tmp_path, NEVER, "a", "bad1")
     begun = time.monotonic()
     with pytest.raises(InvalidInput, match=r"^bad1 cannot be made\.$"):
-        asked.on("local:2")
+        request.on("local:2")
     assert time.monotonic() - begun < SOON
     assert names(tmp_path) == []
 
 
 def test_cancelled_nothing_half_done_stays(tmp_path):
-    asked = Asked(tmp_path, 1, "a", "b", "c", "d")
+    request = Request(tmp_path, 1, "a", "b", "c", "d")
 
     def interrupt():
         if (tmp_path / "a").exists() and any(tmp_path.glob(".[cd].part-*")):
             raise KeyboardInterrupt
 
-    asked.look = interrupt
+    request.look = interrupt
     with pytest.raises(KeyboardInterrupt):
-        asked.on("local:2")
+        request.on("local:2")
     assert "a" in names(tmp_path) and not [name for name in names(tmp_path) if name.startswith(".")]
 
 
 @pytest.mark.slow
 def test_a_worker_killed_three_times(tmp_path):
-    asked, killed = Asked(tmp_path, 1, "a", "b", "c"), []
+    request, killed = Request(tmp_path, 1, "a", "b", "c"), []
 
     def kill():
         for process, children in dask_workers().items():
@@ -216,35 +216,35 @@ def test_a_worker_killed_three_times(tmp_path):
                     time.sleep(0.02)
                 return
 
-    asked.look = kill
-    assert asked.on("local:2") == 3
+    request.look = kill
+    assert request.on("local:2") == 3
     assert len(killed) == 3
     assert names(tmp_path) == ["a", "b", "c"]
 
 
 @pytest.mark.slow
 def test_a_unit_that_another_process_makes_is_waited_for(tmp_path):
-    asked = Asked(tmp_path, 5, "a")
-    plain = threading.Thread(target=toy.open_job(asked.words, print), args=("a", lambda *_: None))
+    request = Request(tmp_path, 5, "a")
+    plain = threading.Thread(target=toy.open_job(request.words, print), args=("a", lambda *_: None))
     plain.start()
-    assert asked.on("local:1") == 1
+    assert request.on("local:1") == 1
     plain.join()
-    assert asked.pids() == {"a": os.getpid()}
-    assert any("Waiting for a" in row for rows in asked.shown for row in rows)
+    assert request.pids() == {"a": os.getpid()}
+    assert any("Waiting for a" in row for rows in request.shown for row in rows)
 
 
 @pytest.mark.slow
 def test_workers_may_come_late(tmp_path):
     results = tmp_path / "results"
     results.mkdir()
-    asked = Asked(results, 1, *"abcdefgh")
+    request = Request(results, 1, *"abcdefgh")
     with scheduler(tmp_path) as (address, _):
         made = []
-        thread = threading.Thread(target=lambda: made.append(asked.on(address)))
+        thread = threading.Thread(target=lambda: made.append(request.on(address)))
         thread.start()
-        while not asked.done:
+        while not request.done:
             time.sleep(0.05)
-        assert "waiting for workers" in asked.done[-1][1]
+        assert "waiting for workers" in request.done[-1][1]
         with worker(address):
             while not names(results)[1:]:
                 time.sleep(0.05)
@@ -252,7 +252,7 @@ def test_workers_may_come_late(tmp_path):
                 thread.join()
     assert made == [8]
     assert names(results) == list("abcdefgh")
-    assert len(set(asked.pids().values())) == 2
+    assert len(set(request.pids().values())) == 2
     assert (results / "a" / "threads").read_text() == "3"
 
 
@@ -260,21 +260,21 @@ def test_workers_may_come_late(tmp_path):
 def test_the_scheduler_dies_and_the_same_goes_on(tmp_path):
     results = tmp_path / "results"
     results.mkdir()
-    asked = Asked(results, 1, *"abcd")
+    request = Request(results, 1, *"abcd")
     with scheduler(tmp_path) as (address, process), worker(address):
 
         def kill():
             if (results / "a").exists():
                 process.kill()
 
-        asked.look = kill
-        with pytest.raises(errors.FarmFailed, match="^The Dask scheduler is gone: what is done is in"):
-            asked.on(address)
+        request.look = kill
+        with pytest.raises(errors.FarmFailed, match="^The Dask scheduler is gone. Finished units are in"):
+            request.on(address)
     (tmp_path / "scheduler.json").unlink()
-    asked.look, before = (lambda: None), set(names(results)) - {".claims"}
+    request.look, before = (lambda: None), set(names(results)) - {".claims"}
     assert "a" in before
     with scheduler(tmp_path) as (address, _), worker(address):
-        assert asked.on(address) == len([name for name in "abcd" if name not in before])
+        assert request.on(address) == len([name for name in "abcd" if name not in before])
     assert names(results) == list("abcd")
 
 
@@ -284,49 +284,49 @@ def test_a_worker_of_another_version_is_not_used(tmp_path):
     results.mkdir()
     (other / "scipy-0.0.1.dist-info").mkdir(parents=True)
     (other / "scipy-0.0.1.dist-info" / "METADATA").write_text("Name: scipy\nVersion: 0.0.1\n")
-    asked = Asked(results, 0.1, "a", "b", "c")
+    request = Request(results, 0.1, "a", "b", "c")
     with scheduler(tmp_path) as (address, _), worker(address, other):
         with pytest.raises(InvalidInput, match=r"No worker .* scipy 0\.0\.1 there, .* here"):
-            asked.on(address)
+            request.on(address)
         assert names(results) == []
         with worker(address):
             end = time.monotonic() + SOON
             with distributed.Client(address, set_as_default=False) as client:
                 client.wait_for_workers(2, timeout=NEVER)
-            asked.said.clear()
-            assert asked.on(address) == 3
+            request.described.clear()
+            assert request.on(address) == 3
             assert time.monotonic() < end
-    assert len(asked.said) == 1 and "is not used, for scipy 0.0.1 there" in asked.said[0]
-    assert len(set(asked.pids().values())) == 1
+    assert len(request.described) == 1 and "is not used, for scipy 0.0.1 there" in request.described[0]
+    assert len(set(request.pids().values())) == 1
 
 
 def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     with pytest.raises(
         errors.FarmFailed, match=r"No Dask scheduler answers at tcp://127.0.0.1:1 .*dask scheduler"
     ):
-        Asked(tmp_path, 0, "a").on("tcp://127.0.0.1:1")
+        Request(tmp_path, 0, "a").on("tcp://127.0.0.1:1")
     with pytest.raises(InvalidInput, match="tls://127.0.0.1:1 needs certificates"):
-        Asked(tmp_path, 0, "a").on("tls://127.0.0.1:1")
+        Request(tmp_path, 0, "a").on("tls://127.0.0.1:1")
     for text in ("", "local", "local:0", "local:two", "slurm:", "127.0.0.1:8786", "http://a:1"):
-        with pytest.raises(InvalidInput, match="is no cluster: give tcp://HOST:PORT"):
+        with pytest.raises(InvalidInput, match="Expected a cluster tcp://HOST:PORT"):
             cluster.Cluster.parse(text)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(BackendUnavailable, match="pip install distributed"):
-        Asked(tmp_path, 0, "a").on("local:1")
+        Request(tmp_path, 0, "a").on("local:1")
     assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("colour = 1", "unknown key 'colour': choose among cores, memory, walltime"),
-        ("cores = true", "cores in .* is True: give a whole number from 1 on"),
-        ("jobs = 0", "jobs in .* is 0: give a whole number"),
-        ("queue = 3", "queue in .* is 3: give text"),
-        ("lines = 'a'", "lines in .* is 'a': give a list of texts"),
-        ("walltime = 'soon'", "walltime in .* is soon"),
-        ("walltime = '00:04:00'", "walltime in .* give 5 minutes or more"),
+        ("colour = 1", "Expected keys among cores, memory, walltime, jobs, queue, account, interface, logs"),
+        ("cores = true", "to be a whole number from 1 on, got True"),
+        ("jobs = 0", "to be a whole number from 1 on, got 0"),
+        ("queue = 3", "to be text, got 3"),
+        ("lines = 'a'", "to be a list of texts, got"),
+        ("walltime = 'soon'", "must be at least 5 minutes, such as 01:00:00, got soon"),
+        ("walltime = '00:04:00'", "must be at least 5 minutes, such as 01:00:00, got 00:04:00"),
         ("cores = ", "cannot be read"),
     ],
 )
@@ -374,7 +374,7 @@ def fields(folder):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """What one process makes of frames 1 to 6."""
+    """Frames 1 to 6 of one process."""
     pytest.importorskip("bpy")
     out = tmp_path_factory.mktemp("alone") / "out"
     process = render(out, "--frame-range", "1-6")
@@ -436,8 +436,8 @@ def test_who_interrupts_it_keeps_what_is_done(number, alone, tmp_path):
 def test_plain_processes_help_a_cluster(alone, tmp_path):
     out = tmp_path / "out"
     both = [render(out, "--frame-range", "1-6", *more) for more in (("--cluster", "local:1"), ())]
-    told = [process.communicate()[1] for process in both]
-    assert [process.returncode for process in both] == [0, 0], told
+    messages = [process.communicate()[1] for process in both]
+    assert [process.returncode for process in both] == [0, 0], messages
     assert fields(out) == alone and names(out) == [*alone, "job.json", "light"]
 
 
@@ -492,8 +492,8 @@ def test_a_child_ends_with_its_parent_in_the_middle_of_a_kernel(phase, tmp_path)
 
 
 def test_a_folder_that_a_machine_does_not_see(tmp_path, monkeypatch):
-    monkeypatch.setattr(worker_module, "SEEN", 0.2)
-    with pytest.raises(InvalidInput, match=r"does not see the folder of the results: .*/results must be one"):
+    monkeypatch.setattr(worker_module, "VISIBLE_TIMEOUT", 0.2)
+    with pytest.raises(InvalidInput, match="does not see the results in"):
         worker_module._check_shared(str(tmp_path / "results" / ".claims" / "mark"), lambda *_: None)
 
 
@@ -501,7 +501,7 @@ def test_a_still_is_made_by_one_process(tmp_path, capsys):
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:2"]) == 2
     assert "One process makes a still: add --animation" in capsys.readouterr().err
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:"]) == 2
-    assert "'local:' is no cluster" in capsys.readouterr().err
+    assert "Expected a cluster" in capsys.readouterr().err
     assert cli.main(["encode", str(tmp_path), "--cluster", "local:2"]) == 2
     assert "holds no animation" in capsys.readouterr().err
     assert names(tmp_path) == []

@@ -114,7 +114,7 @@ def test_light_field_views_shift_by_the_disparity(made):
 
 
 def test_a_quilt_of_views(tmp_path, capsys):
-    """From the left at the lower left to the right at the upper right; what lies at the first focus stays."""
+    """Views run from the left at the lower left to the right at the upper right; points at the first focus stay."""
     import mitsuba as mi
 
     (tmp_path / "mirror.xml").write_text(SCENE)

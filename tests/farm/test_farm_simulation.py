@@ -22,7 +22,7 @@ def names(steps):
 @pytest.mark.parametrize("dask", [None, IDEAL])
 def test_what_does_not_depend_on_each_other(workers, seconds, dask):
     result = simulate(alike(8, seconds=10.0), workers, EVERYTHING, Rules(), 3.0, dask)
-    assert result.seconds == pytest.approx(seconds, abs=0.0 if dask else work.HURRY)
+    assert result.seconds == pytest.approx(seconds, abs=0.0 if dask else work.RETRY)
     assert result.spent["compute"] == pytest.approx(80.0)
 
 
@@ -52,7 +52,7 @@ def test_a_scheduler_has_one_after_the_other():
 
 
 def test_what_a_process_asks_for_does_not_grow_with_others():
-    """In a folder with 64 and with 128 others, which hold a unit each."""
+    """Operations in a folder with 64 and with 128 other processes, which hold a unit each."""
     found = rules()
     assert found.join < 50 and found.leave < 300 and found.look <= 4
     assert max(found.join_each, found.leave_each, found.visit_each, found.look_held, found.look_waiting) < 0.5

@@ -23,7 +23,7 @@ SETTINGS = {
 
 
 def setting(key):
-    """What the job type tells of a setting."""
+    """The job type's declaration of a setting."""
     (found,) = [each for each in flamenco.compiled()["type"]["settings"] if each["key"] == key]
     return found
 
@@ -87,7 +87,7 @@ def test_what_blender_offers_to_choose():
 
 @pytest.mark.slow
 def test_its_tasks_render_the_animation(tmp_path):
-    """As the worker runs them, with Blender as a Python module; the first bakes for all."""
+    """Run the commands as a worker does, with Blender as a Python module; the first one bakes for all."""
     bpy = pytest.importorskip("bpy")
     shared = tmp_path / "shared folder"
     shared.mkdir()
@@ -96,7 +96,7 @@ def test_its_tasks_render_the_animation(tmp_path):
     more = {"words": "--resolution 32x32 --frames 1 --quality preview --method fast --focus 0.5m,2m"}
     tasks = flamenco.in_order(flamenco.compiled(SETTINGS | more)["tasks"])
     module = [sys.executable, "-m", "holopath_addon"]  # stands for: blender --background --command holopath
-    seen = []
+    view = []
     for task in tasks:
         (command,) = task["commands"]
         words = flamenco.words(command, {"blender": "b", "blenderArgs": "-b -y", "shared": str(shared)})
@@ -111,11 +111,11 @@ def test_its_tasks_render_the_animation(tmp_path):
         assert run.returncode == 0, run.stdout
         pictures, steps = flamenco.produced(run.stdout)
         assert len(pictures) == steps == command["steps"]
-        seen += pictures
+        view += pictures
     film = shared / "films" / "my film"
     frames = [film / f"frame_{number:04d}" for number in range(1, 11)]
-    assert sorted(seen) == [frame / "reconstruction" / "focus_0.5m.png" for frame in frames]
-    assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in seen)
+    assert sorted(view) == [frame / "reconstruction" / "focus_0.5m.png" for frame in frames]
+    assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in view)
     assert sorted(film.iterdir()) == [*frames, film / "job.json", film / "light"]
     reports = [json.loads((frame / "report.json").read_text()) for frame in frames]
     assert [report["bake"]["reused"] for report in reports] == 10 * ["all"]

@@ -36,7 +36,7 @@ def blend(tmp_path):
 
 
 def words(blend, out, *more):
-    """With a cache of its own beside the folder, unless another one is named: nothing is there before."""
+    """A command with a new cache beside the folder, unless another one is named."""
     cache = () if {"--cache", "--no-cache"} & set(more) else ("--cache", f"{out}.cache")
     return ["render", str(blend), *WORDS, "--out", str(out), *cache, *more]
 
@@ -46,7 +46,7 @@ def make(blend, out, *more):
 
 
 def start(blend, out, *more):
-    """In a process of its own."""
+    """Run the command in a separate process."""
     run = [sys.executable, "-m", "holopath_addon", *words(blend, out, "--animation", *more)]
     return subprocess.Popen(run, cwd=ROOT, stderr=subprocess.PIPE, text=True)
 
@@ -56,7 +56,7 @@ def names(folder):
 
 
 def fields(out):
-    """Of a folder that holds whole frames and their light, and nothing else."""
+    """Contents of a folder, which must be complete frames and their light only."""
     assert names(out) == [*FRAMES, "job.json", "light"]
     return [(out / name / "wavefield" / "field.npy").read_bytes() for name in FRAMES]
 
@@ -91,18 +91,18 @@ def test_frames_are_alike_in_whatever_order(blend, tmp_path, capfd):
     ]  # each frame between bakes what it lacks, for itself alone
     capfd.readouterr()
     assert cli.main(words(blend, back, "--method", "fast", "--animation")) == 0
-    told = capfd.readouterr().err
-    assert "Done: 0 frames" in told and "4 done before" in told and "light" not in told.lower()
+    output = capfd.readouterr().err
+    assert "Done: 0 frames" in output and "4 done before" in output and "light" not in output.lower()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("asked", ["auto", "fast"])
+@pytest.mark.parametrize("method", ["auto", "fast"])
 @pytest.mark.parametrize("count", [2, 4])
-def test_frames_are_alike_by_however_many(count, asked, blend, tmp_path):
-    make(blend, tmp_path / "alone", "--method", asked, "--animation")
-    others = [start(blend, tmp_path / "shared", "--method", asked) for _ in range(count)]
-    told = [other.communicate(timeout=NEVER)[1] for other in others]
-    assert [other.returncode for other in others] == [0] * count, told
+def test_frames_are_alike_by_however_many(count, method, blend, tmp_path):
+    make(blend, tmp_path / "alone", "--method", method, "--animation")
+    others = [start(blend, tmp_path / "shared", "--method", method) for _ in range(count)]
+    output = [other.communicate(timeout=NEVER)[1] for other in others]
+    assert [other.returncode for other in others] == [0] * count, output
     assert fields(tmp_path / "shared") == fields(tmp_path / "alone")
     assert contents(tmp_path / "shared" / "light").keys() == contents(tmp_path / "alone" / "light").keys()
 
@@ -141,8 +141,8 @@ def test_a_slow_machine_decides_nothing_else(blend, tmp_path, slow_paths):
     before = (both / "light" / "light.json").read_text()
     make(blend, both)
     assert method(both) == "full" and before != (both / "light" / "light.json").read_text()
-    told = report(both, 4)
-    assert told["settings"]["method"] == "auto" and told["method"] == "full"
+    output = report(both, 4)
+    assert output["settings"]["method"] == "auto" and output["method"] == "full"
     make(blend, there, "--frame-range", "4")
     assert method(there) == "fast" and "bake" in report(there, 4)  # alone it would have
 
@@ -175,25 +175,25 @@ def test_what_was_baked_before_serves_and_another_job_has_its_own(blend, tmp_pat
     from holopath_addon.engine.light import baking
 
     out, again = tmp_path / "out", tmp_path / "again"
-    asked = ["--method", "fast", "--frame-range", "1"]
-    make(blend, out, *asked)
+    request = ["--method", "fast", "--frame-range", "1"]
+    make(blend, out, *request)
     before, light = contents(tmp_path / "out.cache"), contents(out / "light")
     monkeypatch.setattr(baking, "gather", None)  # nothing is baked any more
     monkeypatch.setattr(baking, "solve", None)
-    make(blend, again, *asked, "--cache", str(tmp_path / "out.cache"))
-    make(blend, out, *asked, "--focus", "0.5m")
+    make(blend, again, *request, "--cache", str(tmp_path / "out.cache"))
+    make(blend, out, *request, "--focus", "0.5m")
     monkeypatch.undo()
     texture, record = sorted(light)
     for folder in (out, again):
         assert contents(folder / "light")[texture] == light[texture]
     assert contents(out / "light")[record] != light[record]
     assert contents(tmp_path / "out.cache") == before
-    make(blend, out, *asked, "--seed", "1", "--no-cache")
+    make(blend, out, *request, "--seed", "1", "--no-cache")
     assert contents(out / "light")[texture] != light[texture]
 
 
 def test_light_of_a_scene_that_moves_is_decided_as_of_none(blend, tmp_path, monkeypatch):
-    """What is there of its first frame would serve no other one."""
+    """An existing first frame is useless for the others."""
     wall = bpy.data.objects["Wall"]
     for frame, z in ((1, -1.0), (4, -1.2)):
         wall.location.z = z

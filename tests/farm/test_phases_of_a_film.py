@@ -52,8 +52,8 @@ def phases(folder):
     return {path.parts[-3]: path.read_bytes() for path in sorted(folder.glob("*/hologram/phase.npy"))}
 
 
-def made(told):
-    return [int(each.rpartition("Done: ")[2].split()[0]) for each in told]
+def made(output):
+    return [int(each.rpartition("Done: ")[2].split()[0]) for each in output]
 
 
 @pytest.mark.parametrize("more", [(), ("--start", "before")])
@@ -66,8 +66,8 @@ def test_two_share_what_a_killed_one_has_left(more, tmp_path):
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     left = 12 - len(phases(film))
-    told = ended(start(film, *more), start(film, *more))
-    assert sum(made(told)) == left > 0  # none twice
+    output = ended(start(film, *more), start(film, *more))
+    assert sum(made(output)) == left > 0  # none twice
     assert phases(film) == phases(alone) and len(phases(film)) == 12
     assert sorted(os.listdir(film)) == sorted(os.listdir(alone))
 
@@ -94,10 +94,10 @@ def test_other_words_wait(tmp_path, capfd):
     args = cli.parse([str(word) for word in words(film)])
     job = encode_command.work_of(args, print).job
     with job.join(film):
-        says = f"is being encoded by {processes.host()} with other words, files or versions: wait, or give the same"
+        says = f"is being encoded by {processes.host()} with other options, files or versions. Wait, or give the same"
         refused(cli.main(words(film, "--tolerance", "0.1")), capfd.readouterr().err, says)
         with pytest.raises(
-            engine.InvalidInput, match=f"is being encoded by {processes.host()}: wait, or choose"
+            engine.InvalidInput, match=f"is being encoded by {processes.host()}. Wait, or choose"
         ):
             with SharedJob("scene.blend", {}, {}, {}).join(film):
                 pass
@@ -108,20 +108,20 @@ def test_other_words_wait(tmp_path, capfd):
 
 
 def test_phases_begin_with_those_of_the_frame_before(tmp_path, monkeypatch, capfd):
-    """Those of a frame that was rendered anew, and of all after it, are made anew."""
+    """Phases of a frame that is rendered again, and of all after it, are encoded again."""
     film, begun, encode = film_of(tmp_path / "film", 4), [], engine.encode
 
-    def seen(field, method="auto", progress=None, **options):
+    def view(field, method="auto", progress=None, **options):
         begun.append(options["start"])
         return encode(field, method, progress, **options)
 
-    monkeypatch.setattr(engine, "encode", seen)
+    monkeypatch.setattr(engine, "encode", view)
     assert cli.main(words(film, "--start", "before")) == 0
     assert begun[0] == "arg"
     for before, frame in zip(begun[1:], sorted(film.iterdir()), strict=False):
         np.testing.assert_array_equal(before.data, np.load(frame / "hologram" / "phase.npy"))
     assert cli.main(words(film, "--start", "before")) == 0 and len(begun) == 4
-    assert "0 frames in" in (told := capfd.readouterr().err) and ", 4 done before or by others" in told
+    assert "0 frames in" in (output := capfd.readouterr().err) and ", 4 done before or by others" in output
     before = phases(film)
     for path in (film / "frame_0002" / "hologram").iterdir():
         path.unlink()

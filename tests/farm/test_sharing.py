@@ -77,7 +77,7 @@ def blend(tmp_path):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """What one process makes of it."""
+    """The result of one process."""
     folder = tmp_path_factory.mktemp("alone")
     ended(start(animated(folder), folder / "out"))
     return fields(folder / "out")
@@ -96,10 +96,10 @@ def start(blend, out, *more, code=None):
 
 
 def ended(*others):
-    """What processes said that end well."""
-    told = [other.communicate(timeout=NEVER)[1] for other in others]
-    assert [other.returncode for other in others] == [0] * len(others), told
-    return told
+    """Output of processes, which must succeed."""
+    messages = [other.communicate(timeout=NEVER)[1] for other in others]
+    assert [other.returncode for other in others] == [0] * len(others), messages
+    return messages
 
 
 def refused(status, error, says):
@@ -129,17 +129,17 @@ def wait_for(found, process=None):
         time.sleep(0.002)
 
 
-def made(told):
+def made(messages):
     """Frames that processes say that they made."""
-    return sum(int(re.search(r"Done: (\d+) frame", each)[1]) for each in told)
+    return sum(int(re.search(r"Done: (\d+) frame", each)[1]) for each in messages)
 
 
 @pytest.mark.slow  # two share what a third has left when it was killed, below
 @pytest.mark.parametrize("count", [2, 4])
 def test_processes_share_an_animation(count, alone, blend, tmp_path):
-    told = ended(*(start(blend, tmp_path / "out") for _ in range(count)))
+    messages = ended(*(start(blend, tmp_path / "out") for _ in range(count)))
     assert fields(tmp_path / "out") == alone
-    assert made(told) == len(FRAMES)  # none twice
+    assert made(messages) == len(FRAMES)  # none twice
 
 
 def stop(process, found):
@@ -175,8 +175,8 @@ def test_killed_in_the_middle_of_a_frame_others_go_on(times, alone, blend, tmp_p
         other.communicate()
         assert json.loads((out / "job.json").read_text())["unfinished"] == FRAMES
     left = len(FRAMES) - len(list(out.glob("frame_*")))
-    told = ended(start(blend, out), start(blend, out))
-    assert fields(out) == alone and made(told) == left  # none twice
+    messages = ended(start(blend, out), start(blend, out))
+    assert fields(out) == alone and made(messages) == left  # none twice
     assert json.loads((out / "job.json").read_text())["unfinished"] == []
 
 
@@ -193,14 +193,14 @@ def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
 
 @pytest.mark.slow
 def test_other_settings_wait_for_another_folder(alone, blend, tmp_path, capfd):
-    """As long as another process is at work, between its frames, too."""
+    """Other settings are refused as long as another process works, also between its frames."""
     out = tmp_path / "out"
     other = start(blend, out)
     stop(other, lambda: list(out.glob(".claims/frame_*")))
     refused(
         cli.main(words(blend, out, "--seed", "1")),
         capfd.readouterr().err,
-        f"is being rendered by {processes.host()} with other settings.*: wait, or choose another folder",
+        f"is being rendered by {processes.host()} with other settings.*. Wait, or choose another folder",
     )
     other.send_signal(signal.SIGCONT)
     ended(other)
@@ -224,8 +224,8 @@ def begun(blend, tmp_path, capfd):
     """A folder with one frame done and one that was begun."""
     out = tmp_path / "out"
     assert cli.main([*words(blend, out), "--frame-range", "1"]) == 0
-    told = json.loads((out / "job.json").read_text())
-    (out / "job.json").write_text(json.dumps({**told, "unfinished": FRAMES[1:2]}))
+    messages = json.loads((out / "job.json").read_text())
+    (out / "job.json").write_text(json.dumps({**messages, "unfinished": FRAMES[1:2]}))
     capfd.readouterr()
     return out
 
@@ -240,7 +240,7 @@ def test_what_was_begun_goes_on_with_the_same_versions(blend, begun, monkeypatch
     refused(
         cli.main(words(blend, begun)),
         capfd.readouterr().err,
-        rf"begun with mitsuba {versions['mitsuba']}, and {processes.host()} has 3.0.0: go on with the same",
+        rf"started with mitsuba {versions['mitsuba']}, but {processes.host()} has 3.0.0. Use the same",
     )
     assert contents(begun) == before
 
@@ -252,7 +252,7 @@ def test_a_file_that_only_others_have_is_named(blend, begun, capfd):
     refused(
         cli.main(words(blend, begun)),
         capfd.readouterr().err,
-        f"begun with the file texture.png, which is missing on {processes.host()}: copy it there",
+        f"started with the file texture.png, which is missing on {processes.host()}. Copy it there",
     )
     texture.write_bytes(whole[:-1])
     refused(cli.main(words(blend, begun)), capfd.readouterr().err, "another file texture.png than")
@@ -270,7 +270,7 @@ def test_a_file_of_another_program_is_not_replaced(blend, begun, capfd):
 
 
 def test_frames_are_known_by_the_job_without_their_scene(blend, begun, monkeypatch, capfd):
-    """Those of a file that was saved anew are looked at once, and known from then on."""
+    """Frames of a file that was saved again are checked once."""
     report = json.loads((begun / FRAMES[0] / "report.json").read_text())
     bpy.context.scene["note"] = "saved anew"
     bpy.ops.wm.save_mainfile()
@@ -292,12 +292,12 @@ def test_nothing_is_left_where_no_frame_can_be_made(blend, tmp_path, capfd):
 
 
 def test_a_frame_of_another_machine_is_taken_over_when_its_heart_stops(blend, begun, capfd):
-    told = json.loads((begun / "job.json").read_text())
-    with Claims(begun, told["digest"]) as elsewhere, elsewhere.claim(FRAMES[1]):
+    messages = json.loads((begun / "job.json").read_text())
+    with Claims(begun, messages["digest"]) as elsewhere, elsewhere.claim(FRAMES[1]):
         file = begun / claims.FOLDER / FRAMES[1]
         claim = json.loads(file.read_text())
         file.write_text(json.dumps({**claim, "host": "elsewhere", "place": "elsewhere"}))
-        os.utime(file, (time.time() - 2 * claims.STALE,) * 2)
+        os.utime(file, (time.time() - 2 * claims.STALE_AFTER,) * 2)
         assert cli.main([*words(blend, begun), "--frame-range", "1-2"]) == 0
     assert names(begun) == [*FRAMES[:2], "job.json"]
 
@@ -344,7 +344,7 @@ def disk(tmp_path):
 
 @pytest.mark.parametrize(
     ("free", "status", "says"),
-    [(64 << 10, 1, "could not be written"), (0, 2, "cannot be made (No space left")],
+    [(64 << 10, 1, "could not be written"), (0, 2, "cannot be created (No space left")],
 )
 def test_a_full_disk(free, status, says, blend, disk, capfd):
     """While a frame is written, which takes more, or before a frame can be claimed."""

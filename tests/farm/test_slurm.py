@@ -20,7 +20,7 @@ ARRAY_JOB = 70
 
 
 class Slurm:
-    """What `sbatch` and `scontrol requeue` do, for a script in a folder; programs are those in its `bin`."""
+    """A stand-in for `sbatch` and `scontrol requeue`, for a script in a folder, with the programs in its `bin`."""
 
     def __init__(self, folder):
         self.folder, self.bin, self.requeued = folder, folder / "bin", folder / "requeued"
@@ -34,14 +34,14 @@ class Slurm:
 
     def start(self, script, task, words, restarts=0):
         """A task of the array. The last one has the array's own number, as in SLURM."""
-        asked = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script.read_text(), re.MULTILINE))
-        last = int(asked["array"].split("-")[1])
+        request = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script.read_text(), re.MULTILINE))
+        last = int(request["array"].split("-")[1])
         more = {
             "PATH": f"{self.bin}:{os.environ['PATH']}",
             "SLURM_ARRAY_JOB_ID": str(ARRAY_JOB),
             "SLURM_ARRAY_TASK_ID": str(task),
             "SLURM_JOB_ID": str(ARRAY_JOB if task == last else ARRAY_JOB + 1 + task),
-            "SLURM_CPUS_PER_TASK": asked["cpus-per-task"],
+            "SLURM_CPUS_PER_TASK": request["cpus-per-task"],
         }
         if restarts:
             more["SLURM_RESTART_COUNT"] = str(restarts)
@@ -74,8 +74,8 @@ def script(tmp_path):
 def test_what_a_task_runs(slurm, script):
     slurm.program("holopath", 'printf "%s\\n" "$@" "threads $HOLOPATH_THREADS $OMP_NUM_THREADS"; exit 3')
     task = slurm.start(script, 1, ["my scene.blend", "out dir", "--focus", "0.5m, 2m"])
-    said, _ = task.communicate(timeout=NEVER)
-    assert said.splitlines() == [
+    described, _ = task.communicate(timeout=NEVER)
+    assert described.splitlines() == [
         *("render", "my scene.blend", "--out", "out dir", "--frame-range", "3-6"),
         *("--focus", "0.5m, 2m", "threads 1 1"),
     ]
@@ -92,8 +92,8 @@ def test_what_a_task_runs(slurm, script):
 def test_what_is_wrong_is_said(slurm, script, task, words, says):
     slurm.program("holopath", "echo it ran")
     process = slurm.start(script, task, words)
-    said, _ = process.communicate(timeout=NEVER)
-    assert process.returncode != 0 and re.search(says, said) and "it ran" not in said
+    described, _ = process.communicate(timeout=NEVER)
+    assert process.returncode != 0 and re.search(says, described) and "it ran" not in described
 
 
 @pytest.mark.parametrize(
@@ -108,8 +108,8 @@ def test_stopped_before_its_time_is_up(slurm, script, number, restarts, requeued
     task = slurm.start(script, 1, ["a.blend", "out"], restarts)
     assert task.stdout.readline() == "begun\n"
     task.send_signal(number)
-    said, _ = task.communicate(timeout=NEVER)
-    assert said == "cleared\n" and task.returncode == 1
+    described, _ = task.communicate(timeout=NEVER)
+    assert described == "cleared\n" and task.returncode == 1
     assert slurm.requeued.exists() == requeued
     if requeued:
         assert slurm.requeued.read_text() == f"requeue {ARRAY_JOB}_1\n"
@@ -134,13 +134,13 @@ def test_the_animation_is_whole(slurm, script):
         assert line, heard
         heard += line
     second.send_signal(signal.SIGUSR1)
-    said, _ = second.communicate(timeout=NEVER)
-    assert second.returncode == 1 and "Cancelled" in said, said
+    described, _ = second.communicate(timeout=NEVER)
+    assert second.returncode == 1 and "Cancelled" in described, described
     assert slurm.requeued.read_text() == f"requeue {ARRAY_JOB}_1\n"
     again = slurm.start(script, 1, words, restarts=1)
     for task in (first, again):
-        said, _ = task.communicate(timeout=NEVER)
-        assert task.returncode == 0, said
+        described, _ = task.communicate(timeout=NEVER)
+        assert task.returncode == 0, described
     frames = [f"frame_{number:04d}" for number in range(1, 7)]
     assert sorted(os.listdir(slurm.folder / "out")) == [*frames, "job.json", "light"]
     assert all((slurm.folder / "out" / frame / "report.json").is_file() for frame in frames)

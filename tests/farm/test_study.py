@@ -128,7 +128,7 @@ def test_a_run_is_what_its_words_render(study, tmp_path, capfd):
 
 
 def test_runs_that_are_there_are_known_without_their_scene(study, renders, monkeypatch):
-    """By the job in their report, whichever process made them; a folder that lost its field is made anew."""
+    """The job in their reports identifies runs of any process; a folder without its field is made again."""
     path = study()
     assert run(path) == 0
     with monkeypatch.context() as patched:
@@ -149,7 +149,7 @@ def test_another_scene_is_rendered_anew(study, renders, tmp_path, capfd):
 
 
 def test_files_that_a_mitsuba_scene_is_made_of(tmp_path):
-    """Those of included files, too: a texture that is saved anew makes another scene."""
+    """Included files count: a texture that is saved again makes another scene."""
     (tmp_path / "sub").mkdir()
     (tmp_path / "a.xml").write_text('<scene version="3.0.0"><include filename="sub/b.xml"/></scene>')
     (tmp_path / "sub" / "b.xml").write_text("<scene><string name='filename' value='sub/c.png'/></scene>")
@@ -242,29 +242,29 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("frame = 3\n", "There is no setting 'frame': choose of quality, "),
-        ('out = "x"\n', "There is no setting 'out'"),
+        ("frame = 3\n", "Expected a setting among quality, "),
+        ('out = "x"\n', "got 'out'"),
         ("[grid]\nframes = [1, 0]\n", "Frames must be from 1 to 256, not 0"),
         ('[grid]\nquality = ["best"]\n', "argument --quality: invalid choice: 'best'"),
-        ("[grid]\nframes = 3\n", "frames in [grid] is not a list of at least one"),
-        ("[grid]\nframes = []\n", "frames in [grid] is not a list of at least one"),
-        ("[grid]\nframes = [[1, [2]]]\n", "frames is [1, [2]]: give a number or a text"),
+        ("[grid]\nframes = 3\n", "Expected frames in [grid] as a list of one or more"),
+        ("[grid]\nframes = []\n", "Expected frames in [grid] as a list of one or more"),
+        ("[grid]\nframes = [[1, [2]]]\n", "got [1, [2]]"),
         ("[grid]\nframes = [1]\n[[list]]\nframes = 2\n", "frames is given twice"),
         ('[grid]\nmove = ["0,0,0"]\n[views]\nright = 1\n', "move is given twice"),
         ("[[list]]\nspeckle = 0.2\nframes = 2\n", "not allowed with"),
-        ('rgbd = "yes"\n', "rgbd is neither true nor false, but yes"),
+        ('rgbd = "yes"\n', "Expected rgbd to be true or false, got yes"),
         ('resolution = "32"\nsd = 1\n', "cannot be read"),
         ('[grid]\nresolution = ["32"]\n', "'32' is not WIDTHxHEIGHT"),
         ("[grid]\npitch = [-8]\n", "The pixel pitch must be positive"),
         ('[grid]\ndisplay = ["leto-3"]\n', "--display sets resolution and pitch"),
         ('[grid]\nencode = ["best"]\n', "argument --encode: invalid choice"),
         ("[grid]\npupil = [[0, 0, -1]]\n", "positive diameter"),
-        ("[grid]\nat_frame = [1.5]\n", "'1.5' is no frame"),
+        ("[grid]\nat_frame = [1.5]\n", "got '1.5'"),
         ("light_field = 1\n", "A light field has 2 to 32 views in a row, not 1"),
-        ("[views]\ncount = 0\n", "count and seed of [views] are not whole numbers"),
-        ('[views]\nright = "far"\n', "right of [views] is not a range"),
-        ("[views]\nleft = 1\n", "There is no part of [views] 'left'"),
-        ("[view]\nright = 1\n", "There is no part 'view': choose of scenes, seeds"),
+        ("[views]\ncount = 0\n", "Expected count and seed of [views] as whole numbers"),
+        ('[views]\nright = "far"\n', "Expected right of [views] as a range"),
+        ("[views]\nleft = 1\n", "got 'left'"),
+        ("[view]\nright = 1\n", "Expected a part among scenes, seeds"),
     ],
 )
 def test_refuses_before_anything_is_rendered(text, says, study, renders, tmp_path, capfd):
@@ -281,11 +281,11 @@ def test_refuses_before_anything_is_rendered(text, says, study, renders, tmp_pat
         ('scenes = ["ball.xml", "none.blend"]', "none.blend does not exist"),
         ('scenes = ["demo:none"]', "There is no demo 'none'"),
         ('scenes = ["ball.ply"]', "ball.ply is a picture, a point cloud or views, which studies do not take"),
-        ("", "scenes is not a list of at least one"),
-        ("scenes = [1]", "scenes holds something other than names"),
+        ("", "Expected scenes as a list of one or more"),
+        ("scenes = [1]", "Expected scenes as files or demo:NAME"),
         ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, not -1"),
-        ('scenes = ["ball.xml"]\nlist = [1]', "list is not a list of settings"),
-        ('scenes = ["ball.xml"]\ngrid = 1', "grid is not a table"),
+        ('scenes = ["ball.xml"]\nlist = [1]', "Expected list as tables of settings"),
+        ('scenes = ["ball.xml"]\ngrid = 1', "Expected grid as a table"),
     ],
 )
 def test_refuses_scenes_that_are_not_there(head, says, study, renders, tmp_path, capfd):
@@ -299,7 +299,7 @@ def test_refuses_other_people_s_folders(study, tmp_path, capfd):
     path = study()
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "table.csv").write_text("mine")
-    assert run(path) == 2 and "holds no study" in capfd.readouterr().err
+    assert run(path) == 2 and "does not hold a study" in capfd.readouterr().err
     assert (tmp_path / "small" / "table.csv").read_text() == "mine"
     assert run(path, "--out", str(path)) == 2 and "is a file" in capfd.readouterr().err
     assert run(tmp_path / "none.toml") == 2 and "cannot be read" in capfd.readouterr().err

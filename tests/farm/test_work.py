@@ -25,7 +25,7 @@ class Made:
     """Units that write files, and the order in which they did."""
 
     def __init__(self, folder):
-        self.folder, self.names, self.told = folder, [], []
+        self.folder, self.names, self.output = folder, [], []
 
     def unit(self, name, needs=(), fails=None, prepares=False):
         def make(progress):
@@ -38,7 +38,7 @@ class Made:
         return Unit(name, make, (self.folder / name).exists, needs, prepares=prepares)
 
     def off(self, *units, progress=lambda done, message: None):
-        work_off(self.folder, units, "tag", progress, self.told.append)
+        work_off(self.folder, units, "tag", progress, self.output.append)
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def made(tmp_path, monkeypatch):
 def test_what_is_there_is_not_made_again(made):
     (made.folder / "b").write_text("b")
     made.off(*map(made.unit, "abc"))
-    assert made.names == ["a", "c"] and made.told == ["b: done before, skipped"]
+    assert made.names == ["a", "c"] and made.output == ["b: done before, skipped"]
     assert sorted(os.listdir(made.folder)) == ["a", "b", "c"]
 
 
@@ -65,22 +65,22 @@ def test_what_is_needed_is_made_first(made):
 
 
 def test_progress_goes_on_over_all(made):
-    told = []
-    made.off(*map(made.unit, "ab"), progress=lambda done, message: told.append((done, message)))
-    assert told == [(0.25, "Making a"), (0.75, "Making b")]
+    output = []
+    made.off(*map(made.unit, "ab"), progress=lambda done, message: output.append((done, message)))
+    assert output == [(0.25, "Making a"), (0.75, "Making b")]
 
 
 def test_what_prepares_is_not_counted(made):
-    told = []
+    output = []
     light = made.unit("light", prepares=True)
     units = light, *(made.unit(name, ("light",)) for name in "ab")
-    made.off(*units, progress=lambda done, message: told.append((done, message)))
-    assert told == [(0.0, "Making light"), (0.25, "Making a"), (0.75, "Making b")]
+    made.off(*units, progress=lambda done, message: output.append((done, message)))
+    assert output == [(0.0, "Making light"), (0.25, "Making a"), (0.75, "Making b")]
     made.off(*units)
-    assert made.told == ["a: done before, skipped", "b: done before, skipped"]
+    assert made.output == ["a: done before, skipped", "b: done before, skipped"]
     (made.folder / "light").unlink()
-    made.off(light, progress=lambda done, message: told.append((done, message)))  # as a worker does
-    assert told[3:] == [(0.5, "Making light")]
+    made.off(light, progress=lambda done, message: output.append((done, message)))  # as a worker does
+    assert output[3:] == [(0.5, "Making light")]
 
 
 def test_what_fails_is_given_back(made):
@@ -109,11 +109,11 @@ def test_what_others_make_is_waited_for(made):
     other.start()
     made.off(*map(made.unit, "ab"))
     other.join()
-    assert made.names == ["b"] and made.told == ["a: done by another process"]
+    assert made.names == ["b"] and made.output == ["a: done by another process"]
 
 
 def test_what_a_process_of_another_machine_left_is_taken_over(made, monkeypatch):
-    monkeypatch.setattr(claims, "STALE", 0.5)
+    monkeypatch.setattr(claims, "STALE_AFTER", 0.5)
     hold(made.folder, "a")
     made.off(*map(made.unit, "ab"))
     assert made.names == ["b", "a"]
@@ -153,22 +153,22 @@ def test_a_slow_process_whose_work_was_taken_over_goes_on(made):
 
 
 def test_what_was_there_of_another_job_is_made_anew(made):
-    """That there is something at a unit's name tells nothing, unless it came while one is at work."""
+    """A file with a unit's name means nothing, unless it appeared during the work."""
     (made.folder / "a").write_text("of another job")
     made.off(Unit("a", made.unit("a").make, lambda: (made.folder / "a").read_text() == "a"))
     assert (made.folder / "a").read_text() == "a"
 
 
 def test_what_another_process_made_meanwhile_is_not_looked_into(made):
-    file, asked = hold(made.folder, "a"), []
+    file, request = hold(made.folder, "a"), []
 
     def finish():
         (made.folder / "a").write_text("a")
         file.unlink()
 
     threading.Timer(0.2, finish).start()
-    made.off(Unit("a", made.unit("a").make, lambda: asked.append("a")))
-    assert made.names == [] and asked == [] and made.told == ["a: done by another process"]
+    made.off(Unit("a", made.unit("a").make, lambda: request.append("a")))
+    assert made.names == [] and request == [] and made.output == ["a: done by another process"]
 
 
 def test_in_a_crowd_each_begins_elsewhere(made):
@@ -200,7 +200,7 @@ work_off(folder, [unit(f"u{n:02d}") for n in range(40)], "tag", lambda *_: None,
 
 
 def test_processes_share_and_make_nothing_twice(tmp_path):
-    """Which would be an error here: a file made twice."""
+    """Make a unit's file, which fails if it exists."""
     words = [sys.executable, "-c", SHARES, str(tmp_path)]
     others = [subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
     for other in others:

@@ -28,7 +28,7 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
     told = json.loads(killed.read_text("utf-8"))
     assert told["before"] == told["after"] == [True, str(tmp_path / "scene.blend")], "the file is as it was"
     end = time.monotonic() + NEVER
-    while processes.started(told["pid"]):
+    while processes.start_time(told["pid"]):
         assert time.monotonic() < end, "a hidden process goes on"
         time.sleep(0.1)
     before = fields(out)

@@ -309,7 +309,7 @@ def test_ends_with_its_input(tmp_path, killed):
         process.stdin.close()
         assert "holopath: Cancelled: the frames that are done are in" in lines.read()
     process.wait(NEVER)
-    until(lambda: not processes.started(pid))
+    until(lambda: not processes.start_time(pid))
     assert not copy.parent.exists()
     made = len(fields(out))
     assert 0 < made < 900

@@ -66,7 +66,7 @@ def test_it_can_be_undone(scene, files):
     [
         ({"unit": "none"}, "choose a Unit of m, mm, diopters, inverse"),
         ({"filepath": "nowhere.png"}, "does not exist"),
-        ({"unit": "inverse", "far": 0.1, "near": 0.5}, "far one larger"),
+        ({"unit": "inverse", "far": 0.1, "near": 0.5}, "The ends of inverse depths"),
     ],
 )
 def test_what_it_refuses(scene, files, options, text):
@@ -127,7 +127,7 @@ def test_views_become_a_hologram(scene, views):
     [
         ({}, "give Right, the meters from the first to the last of a row, and Down"),
         ({"right": 0.1, "down": 0.1, "parallel": True}, "give Panel, a distance in the middle"),
-        ({"right": 0.1}, "has 3 x 2 views: give 2 numbers"),
+        ({"right": 0.1}, "Expected 2 numbers for --view-span of 3 x 2 views in"),
         ({"right": 0.1, "filepath": "nowhere.npy"}, "do not exist: choose a file"),
     ],
 )

@@ -70,7 +70,7 @@ def test_virtual_bench(device, phase):
         pictures.append(image())
     assert abs(pictures[0] - pictures[1]).max() > 0.2 * pictures[0][..., :3].max()
     device.plane = 5
-    with pytest.raises(RuntimeError, match="no focus plane 5"):
+    with pytest.raises(RuntimeError, match="got 5"):
         bpy.ops.holopath.capture()
 
 
@@ -103,7 +103,7 @@ def test_bad_settings(device, tmp_path):
         bpy.ops.holopath.stream()
     device.calibration = ""
     device.driver, device.options = "slmsuite", "[1]"
-    with pytest.raises(RuntimeError, match="no JSON object|slmsuite needs"):
+    with pytest.raises(RuntimeError, match="JSON object|slmsuite needs"):
         bpy.ops.holopath.stream()
     device.driver, device.port = "serial", str(tmp_path / "port")
     with pytest.raises(RuntimeError, match="cannot be opened"):
@@ -132,7 +132,7 @@ def test_board(device, phase, tmp_path):
         assert device.planes == str(planes)
         with pytest.raises(RuntimeError, match="exists"):
             bpy.ops.holopath.new_planes(filepath=str(planes))
-        with pytest.raises(RuntimeError, match="no position yet"):
+        with pytest.raises(RuntimeError, match="no motor position yet"):
             bpy.ops.holopath.focus_plane()
         for plane, position in ((0, 1000), (4, 3000)):
             devices.controller(device.port, device.baud).focus(position)

@@ -32,6 +32,6 @@ def two_monitors(x_server, monkeypatch):
 def patient(monkeypatch):
     """No device is lost only because other programs have the processor; tests of silence set what they wait for."""
     monkeypatch.setattr(link_module, "PATIENCE", SOON)
-    monkeypatch.setattr(link_module, "STUCK", SOON)
+    monkeypatch.setattr(link_module, "PROGRESS_TIMEOUT", SOON)
     monkeypatch.setattr(controller, "WRITE_TIMEOUT", SOON)
-    monkeypatch.setattr(display_module, "STILL", SOON)
+    monkeypatch.setattr(display_module, "STALL_TIMEOUT", SOON)

@@ -16,7 +16,7 @@ import zlib
 
 
 class Firmware:
-    """What a controller does with the bytes that arrive; `answer` is what it sends back."""
+    """A controller's processing of bytes; `answer` has its reply."""
 
     def __init__(self, longest=4096, window=8, size=(64, 64), bits=8, can=7, version=1):
         self.longest, self.window, self.size, self.bits, self.can, self.version = (
@@ -100,11 +100,11 @@ class Firmware:
                 return []
             self.goes_on = 1
         self.session = session
-        said = struct.pack(
+        described = struct.pack(
             "<BBHHHIiHHBB", self.version, self.goes_on, self.longest, self.window, self.expected, self.frames,
             self._now(), *self.size, self.bits, self.can,
         )  # fmt: skip
-        return [self._packet(129, said + b"Test device")]
+        return [self._packet(129, described + b"Test device")]
 
     def _do(self, kind, payload):
         if kind == 2:
@@ -155,7 +155,7 @@ class Noise:
         self.counts = dict.fromkeys(("corrupted", "dropped", "doubled", "delayed"), 0)
 
     def __call__(self, data):
-        """What arrives of these bytes now."""
+        """The part of these bytes that arrives now."""
         if not self.share:
             return data
         out, begin, chance = bytearray(), 0, self.random

@@ -35,10 +35,10 @@ sys.exit(line.recv(100).decode() or None)
 
 
 class Eye:
-    """What stands on the second monitor and where the motor is at each click, and the bench's picture of it."""
+    """A camera that records the second monitor and the motor at each capture, and the bench's picture of them."""
 
     def __init__(self, bench, firmware, path):
-        self.bench, self.firmware, self.seen = bench, firmware, []
+        self.bench, self.firmware, self.view = bench, firmware, []
         self._door = socket.socket(socket.AF_UNIX)
         self._door.bind(path)
         self._door.listen()
@@ -62,8 +62,8 @@ class Eye:
         top, left = (n // 2 - SIDE // 2 for n in whole.shape)
         levels = whole[top : top + SIDE, left : left + SIDE]
         around = np.unique(whole[:top])
-        self.seen.append((levels, distance, self.firmware._now(), tuple(around)))
-        picture = self.bench.capture(levels, distance, len(self.seen))
+        self.view.append((levels, distance, self.firmware._now(), tuple(around)))
+        picture = self.bench.capture(levels, distance, len(self.view))
         mss.tools.to_png(np.repeat(picture[..., None], 3, -1).tobytes(), picture.shape[::-1], output=file)
 
     def close(self):
@@ -76,7 +76,7 @@ class Eye:
 def bench(two_monitors, tmp_path):
     """The eye, and the words that say where all is."""
     window = slm.PatternWindow(SIDE, PITCH, GREEN)
-    found, _ = slm.mis_set(slm.nominal(window, FOCI, (22, 22), (0.95, 0.95)), window, 1)
+    found, _ = slm.perturbed_bench(slm.nominal_setup(window, FOCI, (22, 22), (0.95, 0.95)), window, 1)
     found = slm.Bench(found.model, found.phases, found.sensor, found.shape, PITCH, source=THIRD)
     planes = FocusPlanes(tuple(Plane(*pair) for pair in zip(FOCI, POSITIONS, strict=True)))
     planes.save(tmp_path / "planes.json")
@@ -95,18 +95,18 @@ def bench(two_monitors, tmp_path):
 def test_from_the_monitor_to_the_file_and_back_to_the_monitor(bench, tmp_path, monkeypatch):
     """Each pattern stands there, in focus, when the camera looks; so do the frames that are tuned afterwards."""
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
-    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
     eye, words = bench
     file = str(tmp_path / "slm.json")
     what = "--wavelength 520 --pitch 8 --window 16 --captures 20".split()
     assert cli.main(["calibrate", *what, *words, "--out", file, "--quiet"]) == 0
     shown = patterns((SIDE, SIDE), 8, PITCH, GREEN, FOCI, 20, 0)
-    assert len(eye.seen) == len(shown)
-    for (levels, distance), (seen, mm, position, around) in zip(shown, eye.seen, strict=True):
-        assert np.array_equal(seen, levels) and mm == pytest.approx(distance)
+    assert len(eye.view) == len(shown)
+    for (levels, distance), (view, mm, position, around) in zip(shown, eye.view, strict=True):
+        assert np.array_equal(view, levels) and mm == pytest.approx(distance)
         assert position == POSITIONS[FOCI.index(distance)] and around == (0, 128)
 
-    eye.seen.clear()
+    eye.view.clear()
     rng, frames = np.random.default_rng(0), 2
     volume = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), depth_far=FOCI[0], depth_near=FOCI[1])
     light = np.exp(2j * np.pi * rng.random((frames, 1, SIDE, SIDE))).astype(np.complex64)
@@ -119,10 +119,10 @@ def test_from_the_monitor_to_the_file_and_back_to_the_monitor(bench, tmp_path, m
     phase.save(tmp_path / "out" / "hologram")
     tune = ["tune", str(tmp_path / "out"), "--calibration", file, "--rounds", "1", "--quiet", *words]
     assert cli.main(tune) == 0
-    assert len(eye.seen) == 2 * frames * len(FOCI)  # a round, and a last look
+    assert len(eye.view) == 2 * frames * len(FOCI)  # a round, and a last look
     expected = [calibration.levels(frame[0], GREEN) for frame in phase.data]
-    for number, (seen, mm, position, _) in enumerate(eye.seen[: frames * len(FOCI)]):
-        assert np.array_equal(seen, expected[number % frames]), number
+    for number, (view, mm, position, _) in enumerate(eye.view[: frames * len(FOCI)]):
+        assert np.array_equal(view, expected[number % frames]), number
         assert position == POSITIONS[FOCI.index(pytest.approx(mm))]
     report = engine.PhaseHologram.load(tmp_path / "out" / "hologram").report
     assert len(report["tuned"][0]["psnr_db"]) == 2

@@ -29,11 +29,11 @@ SMALL = slm.PatternWindow(24, PITCH, GREEN)
 
 def start_of(window, distances=FOCI):
     camera = round(1.4 * window.side)
-    return slm.nominal(window, distances, (camera, camera), (0.95, 0.95))
+    return slm.nominal_setup(window, distances, (camera, camera), (0.95, 0.95))
 
 
 def off(found, truth):
-    """How far each parameter is from the truth, in shares of its range."""
+    """Error of each parameter as a fraction of its range."""
     spans = np.array([row.high - row.low for row in found.parameters])
     return np.abs(found.values - vector(truth)) / spans
 
@@ -47,36 +47,38 @@ def test_values_are_those_of_the_setup():
 
 @pytest.mark.parametrize("pitch", [PITCH, (0.8 * PITCH, PITCH)])
 def test_a_display_is_seen_as_the_bench_has_it(pitch):
-    """Which computes light and the camera's pixels in another way."""
+    """The model against the bench, which computes light and camera pixels independently."""
     window = slm.PatternWindow(24, pitch, GREEN)
     setup, shape = start_of(window, FOCI[:1]), (24, 24)
     levels = np.random.default_rng(1).integers(0, 256, shape)
     bench = slm.Bench(setup.model, setup.phases(8), setup.sensor, shape, pitch, full_well=1e9, read_noise=0.0)
     light = DisplayLight(setup.model, shape, pitch, FOCI[0])
     picture = light.picture(light.spectra(setup.phases(8)[levels]), FOCI[0])
-    seen = np.minimum(setup.sensor.sees(picture, shape, GRID, FOCI[0], pitch), 1)
-    difference = bench.capture(levels, FOCI[0]) / 255 - seen
-    assert np.std(difference) < 0.01 * np.std(seen)
+    view = np.minimum(setup.sensor.predict(picture, shape, GRID, FOCI[0], pitch), 1)
+    difference = bench.capture(levels, FOCI[0]) / 255 - view
+    assert np.std(difference) < 0.01 * np.std(view)
 
 
 def test_levels_in_the_middle_of_a_larger_device():
-    """Around them half a turn from pixel to pixel."""
+    """A checkerboard of half a turn surrounds the levels."""
     levels = np.full((2, 4), 7, np.uint8)
-    whole = slm.placed(levels, (8, 6), 8)
+    whole = slm.place_in_center(levels, (8, 6), 8)
     assert whole.shape == (6, 8) and (whole[2:4, 2:6] == 7).all() and set(whole.ravel()) == {0, 7, 128}
     with pytest.raises(engine.InvalidInput, match="no more than 3"):
-        slm.placed(levels, (3, 6), 8)
+        slm.place_in_center(levels, (3, 6), 8)
 
 
 def test_what_is_off_a_little_is_found():
-    """What is no aberration and not the source's extent, a twentieth of its range off, from ten captures."""
+    """Ten captures determine all but aberrations and the source's extent to a twentieth of the range."""
     distances, window = FOCI[:2], SMALL
     start = start_of(window, distances)
-    bench, truth = slm.mis_set(start, window, 3)
+    bench, truth = slm.perturbed_bench(start, window, 3)
     model = replace(truth.model, across=(0, 0, 0), down=(0, 0, 0), size=0.0, bandwidth=0.0)
     bench, truth = replace(bench, model=model), replace(truth, model=model)
     shown = patterns((24, 24), 8, PITCH, GREEN, distances, 40)[20:32]
-    captures = [Capture(levels, distance, bench.look(levels, distance)) for levels, distance in shown]
+    captures = [
+        Capture(levels, distance, bench.capture_values(levels, distance)) for levels, distance in shown
+    ]
     rows = parameters(start)
     spans = np.array([row.high - row.low for row in rows])
     chosen = [n for n, row in enumerate(rows) if row.part != "source" and "Zernike" not in row.name]
@@ -94,8 +96,8 @@ def test_what_is_off_a_little_is_found():
 def test_what_is_off_in_everything_is_found(seed):
     """Each parameter within 2 % of its range, from 64 captures of 8 bits with noise."""
     window = slm.PatternWindow(40, PITCH, GREEN)
-    bench, truth = slm.mis_set(start_of(window), window, seed)
-    found = slm.calibrate(bench.look, window, FOCI, (0.95, 0.95))
+    bench, truth = slm.perturbed_bench(start_of(window), window, seed)
+    found = slm.calibrate(bench.capture_values, window, FOCI, (0.95, 0.95))
     left = off(found, truth)
     names = [row.name for row in found.parameters]
     assert left.max() < 0.02, {names[n]: left[n] for n in np.argsort(-left)[:5]}
@@ -106,14 +108,16 @@ def captures_of(benches, count=34):
     shown = patterns((24, 24), 8, PITCH, GREEN, FOCI, count)
     known = references(count)
     return [
-        Capture(*shown[n], benches[2 * n > count].look(*shown[n]) if n in known else np.zeros((34, 34)))
+        Capture(
+            *shown[n], benches[2 * n > count].capture_values(*shown[n]) if n in known else np.zeros((34, 34))
+        )
         for n in range(count)
     ], known
 
 
 @pytest.fixture(scope="module")
 def bench():
-    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], source=THIRD)
+    return replace(slm.perturbed_bench(start_of(SMALL), SMALL, 5)[0], source=THIRD)
 
 
 def moved(bench, what):
@@ -148,7 +152,7 @@ def test_a_bench_that_moves_is_refused(bench):
         looked.append(len(looked))
         if looked[-1] not in references(64):
             return np.zeros((34, 34))
-        return (bench if len(looked) < 18 else then).look(levels, distance)
+        return (bench if len(looked) < 18 else then).capture_values(levels, distance)
 
     with pytest.raises(engine.InvalidInput, match="changed between captures 2 and 18"):
         slm.calibrate(look, SMALL, FOCI, count=64)
@@ -158,15 +162,15 @@ def test_a_bench_that_moves_is_refused(bench):
 def test_the_sign_of_the_panel_is_found(sign, monkeypatch):
     """Both are tried; of a panel whose phase falls the curve falls."""
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
-    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
-    window, foci, told = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
-    rising, _ = slm.mis_set(start_of(window, foci), window, 3)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
+    window, foci, reports = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
+    rising, _ = slm.perturbed_bench(start_of(window, foci), window, 3)
     point = replace(rising.model, size=0.0, bandwidth=0.0)
     bench = replace(rising, model=point, phases=sign * rising.phases)
     found = slm.calibrate(
-        bench.look, window, foci, (0.95, 0.95), 20, progress=lambda done, _: told.append(done)
+        bench.capture_values, window, foci, (0.95, 0.95), 20, progress=lambda done, _: reports.append(done)
     )
-    assert told == sorted(told)
+    assert reports == sorted(reports)
     assert sign * slm.calibration_of(found, window).phases(GREEN)[-1] > 0
 
 
@@ -174,12 +178,12 @@ def test_the_sign_of_the_panel_is_found(sign, monkeypatch):
 def test_what_the_model_gains():
     """Phases for the display as it is, against phases for an ideal one: on the bench itself."""
     window = slm.PatternWindow(40, PITCH, GREEN)
-    bench, truth = slm.mis_set(start_of(window), window, 1)
+    bench, truth = slm.perturbed_bench(start_of(window), window, 1)
     bench = replace(bench, source=THIRD)
     volume = engine.Hologram(40, 40, PITCH, (GREEN,), depth_far=2e-3, depth_near=7e-3)
     data = smooth(4, shape=(40, 40)).astype(np.complex64)
     field = engine.WaveField(data, volume, engine.Camera(np.eye(4), 0.6), 0.5)
-    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(4.5e-3))])[0]
+    target = engine.reconstruct(field, [float(field.mapping.z_to_depth(4.5e-3))])[0]
     curve = tuple(enumerate(map(float, truth.phases(8))))
     known = slm.Calibration(
         responses=(slm.Response(GREEN, curve=curve),), models=(truth.model,), sensors=(truth.sensor,)
@@ -189,25 +193,25 @@ def test_what_the_model_gains():
         levels = {} if not calibration.models else {"levels": calibration.levels_of(volume)}
         phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
         shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
-        seen = np.mean([bench.picture(phases, 4.5e-3) for phases in shown], axis=0)
-        return metrics.psnr(seen[..., None], wanted, border=4)
+        view = np.mean([bench.picture(phases, 4.5e-3) for phases in shown], axis=0)
+        return metrics.psnr(view[..., None], target, border=4)
 
     assert decibels(known) > decibels(slm.Calibration()) + 5
 
 
 def test_file(tmp_path):
     start = start_of(SMALL)
-    _, truth = slm.mis_set(start, SMALL, 7)
+    _, truth = slm.perturbed_bench(start, SMALL, 7)
     curve = ((0, 0.0), (255, 6.0))
     calibration = slm.Calibration(
         responses=(slm.Response(GREEN, curve=curve),), models=(truth.model,), sensors=(truth.sensor,)
     )
     calibration.save(tmp_path / "my.json")
     again = slm.Calibration.load(tmp_path / "my.json")
-    said = again.display([GREEN])[0].to_dict()
-    assert all(said[name] == pytest.approx(value) for name, value in truth.model.to_dict().items())
+    described = again.display([GREEN])[0].to_dict()
+    assert all(described[name] == pytest.approx(value) for name, value in truth.model.to_dict().items())
     assert again.sensor(GREEN).to_dict() == truth.sensor.to_dict()
-    with pytest.raises(engine.InvalidInput, match="not calibrated at 640 nm, only at 520"):
+    with pytest.raises(engine.InvalidInput, match=r"calibrated \(520 nm\), got 640 nm"):
         again.display([GREEN, 640e-9])
 
 
@@ -216,11 +220,11 @@ def test_file(tmp_path):
     [{"tilt": [0]}, {"camera": {}}, {"unmodulated": [1, 1]}, {"wavelength_nm": "green"}],
 )
 def test_files_that_say_what_cannot_be(change, tmp_path):
-    _, truth = slm.mis_set(start_of(SMALL), SMALL, 7)
+    _, truth = slm.perturbed_bench(start_of(SMALL), SMALL, 7)
     slm.Calibration(models=(truth.model,), sensors=(truth.sensor,)).save(tmp_path / "my.json")
-    said = json.loads((tmp_path / "my.json").read_text())
-    said["displays"][0] |= change
-    (tmp_path / "my.json").write_text(json.dumps(said))
+    described = json.loads((tmp_path / "my.json").read_text())
+    described["displays"][0] |= change
+    (tmp_path / "my.json").write_text(json.dumps(described))
     with pytest.raises(engine.InvalidInput, match="my.json"):
         slm.Calibration.load(tmp_path / "my.json")
 
@@ -229,13 +233,15 @@ WORDS = "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 0.5,1
 
 
 def test_command(tmp_path, monkeypatch, capsys):
-    """On the virtual bench, whose source is a few points here, as far as a stage that is short."""
-    bench_of = slm.mis_set
+    """Calibrate on the virtual bench with a source of few points, by a short first stage."""
+    bench_of = slm.perturbed_bench
     monkeypatch.setattr(
-        slm, "mis_set", lambda *words: (replace(bench_of(*words)[0], source=THIRD), bench_of(*words)[1])
+        slm,
+        "perturbed_bench",
+        lambda *words: (replace(bench_of(*words)[0], source=THIRD), bench_of(*words)[1]),
     )
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
-    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
     assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 0
     assert "homography c at 0.5 mm" in capsys.readouterr().out
     calibration = slm.Calibration.load(tmp_path / "my.json")
@@ -245,7 +251,7 @@ def test_command(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
-    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
     words = [*WORDS, "--quiet", "--out", str(tmp_path / "my.json")]
     assert cli.main(words) == 0
     words[words.index("520")] = "640"
@@ -259,10 +265,10 @@ def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
         (["--out", "my.txt"], "is a .json file"),
         (["--window", "4"], "16 to 512"),
         (["--captures", "10"], "ten captures at each"),
-        (["--distances", "0.5"], "two foci or more"),
+        (["--distances", "0.5"], "two or more foci"),
         (["--bits", "40"], "1 to 16 bits"),
         (["--driver", "slmsuite"], "camera is missing"),
-        (["--packing", "slm-200"], "levels of 10 bits, these have 8: choose another packing"),
+        (["--packing", "slm-200"], "levels of 10 bits, got 8. Choose another packing"),
     ],
 )
 def test_refusals(words, sentence, tmp_path, monkeypatch, capsys):

@@ -98,7 +98,7 @@ def used(shown):
     "what", [0.7, 1.0, 1.6, "1.6 turns", "0.7 turns, falling", "up and down", "1.05 turns, in waves"]
 )
 def test_levels_are_the_nearest_there_are(what, bits, wavelength):
-    """Against all levels, one after the other; the table may err by its step."""
+    """The nearest of all levels is chosen, up to a step of the table."""
     curve = curve_of(what, bits) if isinstance(what, str) else None
     response = Response(GREEN, 1.0 if curve else what, curve)
     phases = some_phases((40, 40))
@@ -124,11 +124,11 @@ def test_a_response_that_was_written_modulo_a_turn():
     """It is that of a panel which goes on; few or irregular phases are taken as they are."""
     going_on = np.linspace(0.3, 1.4 * TURN, 33)
     at = np.linspace(0, 255, 33)
-    shown, wanted = (
+    shown, target = (
         Response(GREEN, curve=tuple(zip(at, phases, strict=True))).phases(8)
         for phases in (np.mod(going_on, TURN), going_on)
     )
-    np.testing.assert_allclose(shown, wanted, atol=1e-9)
+    np.testing.assert_allclose(shown, target, atol=1e-9)
     few = Response(GREEN, curve=((0, 0.0), (128, 5.0), (255, 6.2)))
     assert few.phases(8)[64] == pytest.approx(2.5)
     table = engine.Levels(np.mod(np.linspace(0, 1.4 * TURN, 256), TURN))
@@ -146,7 +146,7 @@ def test_a_panel_whose_phase_falls(what, bits, tmp_path):
     levels = falling.levels(phases, BLUE)
     best = np.min([apart(phase, phases) for phase in used(shown)], axis=0)
     assert (apart(shown[levels], phases) - best).max() <= STEP + 2e-6
-    assert apart(falling.seen(levels, BLUE, (40, 40)), shown[levels]).max() < 1e-5
+    assert apart(falling.shown_phases(levels, BLUE, (40, 40)), shown[levels]).max() < 1e-5
     falling.save(tmp_path / "falling.json")
     again = Calibration.load(tmp_path / "falling.json")
     assert again.falling and not again.plain
@@ -166,15 +166,15 @@ def test_falling_is_the_conjugate_and_not_the_complement():
 
 def test_a_response_in_a_table_beside_the_file(tmp_path):
     (tmp_path / "green.csv").write_text("level;phase (pi)\n0;0\n128;1,1\n255;2,2\n")
-    said = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
-    (tmp_path / "mine.json").write_text(json.dumps(said))
+    data = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
+    (tmp_path / "mine.json").write_text(json.dumps(data))
     assert response_files(tmp_path / "mine.json")["table 0"] == tmp_path / "green.csv"
     shown = Calibration.load(tmp_path / "mine.json").phases(516.5e-9)
     assert shown[128] == pytest.approx(1.1 * math.pi) and shown[255] == pytest.approx(2.2 * math.pi)
 
 
 def test_less_than_a_turn():
-    """What cannot be reached becomes the nearer end: of 0.7 turns, 0.84 is the top's and 0.86 is level 0's."""
+    """Unreachable phases become the nearer end: with 0.7 turns, 0.84 becomes the top level and 0.86 level 0."""
     calibration = Calibration(bits=8, responses=(Response(GREEN, 0.7),))
     turns = np.array([[0, 0.35, 0.69, 0.84, 0.86, 0.99]], np.float32)
     np.testing.assert_array_equal(calibration.levels(turns * TURN, GREEN), [[0, 128, 252, 255, 0, 0]])
@@ -207,17 +207,17 @@ def test_nearest_measurement_is_taken():
 
 def test_correction_is_added_before_the_level_is_chosen():
     """A flat hologram: the levels are those of what lacks, scaled to the wavelength."""
-    wanted = np.arange(64).reshape(8, 8)  # levels
-    correction = wanted * (TURN / 256) * 450 / 633
+    target = np.arange(64).reshape(8, 8)  # levels
+    correction = target * (TURN / 256) * 450 / 633
     calibration = Calibration(correction=correction, correction_wavelength=633e-9)
-    np.testing.assert_array_equal(calibration.levels(np.zeros((8, 8)), 450e-9), wanted)
+    np.testing.assert_array_equal(calibration.levels(np.zeros((8, 8)), 450e-9), target)
     tilt = np.full((8, 8), TURN * 200 / 256, np.float32)
-    np.testing.assert_array_equal(calibration.levels(tilt, 450e-9), (wanted + 200) % 256)
+    np.testing.assert_array_equal(calibration.levels(tilt, 450e-9), (target + 200) % 256)
 
 
 @pytest.mark.parametrize("what", [0.7, 1.6, "1.6 turns", "0.7 turns, falling"])
 def test_correction_and_response_together(what):
-    """Of many turns and of both signs, on a panel that reaches less or more than a turn."""
+    """Corrections of many turns and both signs work on panels of less or more than a turn."""
     curve = curve_of(what, 8) if isinstance(what, str) else None
     response = Response(GREEN, 1.0 if curve else what, curve)
     phases, correction = some_phases((24, 20)), np.random.default_rng(2).normal(size=(24, 20)) * 20
@@ -225,9 +225,9 @@ def test_correction_and_response_together(what):
         responses=(response,), correction=correction, correction_wavelength=RED, size=(20, 24)
     )
     shown = phases_by_hand(response, 8, BLUE)
-    wanted = phases + correction.astype(np.float32) * RED / BLUE
-    best = np.min([apart(phase, wanted) for phase in used(shown)], axis=0)
-    assert (apart(shown[calibration.levels(phases, BLUE)], wanted) - best).max() <= STEP + 3e-5
+    target = phases + correction.astype(np.float32) * RED / BLUE
+    best = np.min([apart(phase, target) for phase in used(shown)], axis=0)
+    assert (apart(shown[calibration.levels(phases, BLUE)], target) - best).max() <= STEP + 3e-5
 
 
 # Where pixels land
@@ -274,7 +274,7 @@ def test_where_each_pixel_lands(hologram, margin, flips, shift, corrected):
 
 @pytest.mark.parametrize("what", [1.0, 1.3, "1.6 turns", "1.05 turns, in waves"])
 def test_seen_reverses_levels(what):
-    """As near as the levels allow; where the hologram lies beside the panel there is nothing."""
+    """Phases come back as precisely as the levels allow; beyond the panel they are 0."""
     curve = curve_of(what, 8) if isinstance(what, str) else None
     rng = np.random.default_rng(3)
     calibration = Calibration(
@@ -287,15 +287,15 @@ def test_seen_reverses_levels(what):
         correction_wavelength=RED,
     )
     phases = some_phases((18, 28)) + np.float32(0.01)  # not 0, as what is beside the panel
-    seen = calibration.seen(calibration.levels(phases, GREEN), GREEN, (18, 28))
-    assert seen.min() >= 0 and seen.max() <= np.float32(TURN)
+    view = calibration.shown_phases(calibration.levels(phases, GREEN), GREEN, (18, 28))
+    assert view.min() >= 0 and view.max() <= np.float32(TURN)
     # moved by 9 to the right of 1 pixel's margin, and mirrored: 8 columns lie beside it, the first ones
     there = np.zeros((18, 28), bool)
     there[: 18 - 3, 8:] = True  # by 4 up of 1
-    assert not seen[~there].any()
+    assert not view[~there].any()
     steps = np.sort(np.mod(phases_by_hand(calibration.responses[0], 8, GREEN), TURN))
     widest = max(np.diff(steps).max(), TURN - steps[-1] + steps[0])
-    assert apart(seen, phases)[there].max() <= widest / 2 + STEP + 1e-4
+    assert apart(view, phases)[there].max() <= widest / 2 + STEP + 1e-4
 
 
 def test_seen_by_the_formula():
@@ -306,7 +306,7 @@ def test_seen_by_the_formula():
         bits=10, responses=(Response(GREEN, 1.2),), correction=correction, correction_wavelength=GREEN
     )
     expected = levels * 1.2 * TURN / 1024 * GREEN / RED - correction * GREEN / RED
-    assert apart(calibration.seen(levels, RED, (6, 5)), expected).max() < 1e-5
+    assert apart(calibration.shown_phases(levels, RED, (6, 5)), expected).max() < 1e-5
 
 
 # Refusals
@@ -327,15 +327,15 @@ def test_curve_that_does_not_span_the_levels(curve, bits):
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"wavelength": 5.0}, "give one in nm"),
-        ({"wavelength": math.nan}, "give one in nm"),
-        ({"range": 0}, "near 1"),
-        ({"range": math.nan}, "near 1"),
-        ({"curve": ((0, 1),)}, "at least two"),
+        ({"wavelength": 5.0}, "from 100 to 100000 nm"),
+        ({"wavelength": math.nan}, "from 100 to 100000 nm"),
+        ({"range": 0}, "have about 1"),
+        ({"range": math.nan}, "have about 1"),
+        ({"curve": ((0, 1),)}, "two or more pairs"),
         ({"curve": ((0, 1, 2), (1, 2, 3))}, "pairs"),
         ({"curve": ((0, 0), (255, math.nan))}, "pairs"),
-        ({"curve": ((0, 0), (128, 1), (128, 2), (255, 6))}, "must rise"),
-        ({"curve": ((255, 0), (0, 6))}, "must rise"),
+        ({"curve": ((0, 0), (128, 1), (128, 2), (255, 6))}, "must increase"),
+        ({"curve": ((255, 0), (0, 6))}, "must increase"),
         ({"curve": ((0, 0), (255, 360))}, "in radians"),
     ],
 )
@@ -349,14 +349,14 @@ def test_responses_that_are_none(values, says):
     [
         ({"bits": 0}, "1 to 16"),
         ({"bits": 17}, "1 to 16"),
-        ({"size": (0, 5)}, "cannot be"),
-        ({"correction": np.zeros((4, 4)), "size": (4, 5), "correction_wavelength": RED}, "4 x 4.*4 x 5"),
-        ({"correction": np.zeros((4, 4))}, "lacks the wavelength"),
+        ({"size": (0, 5)}, "from 1 to 32768"),
+        ({"correction": np.zeros((4, 4)), "size": (4, 5), "correction_wavelength": RED}, "4 x 5.*4 x 4"),
+        ({"correction": np.zeros((4, 4))}, "lacks its wavelength"),
         ({"correction": np.full((4, 4), np.nan), "correction_wavelength": RED}, "finite"),
-        ({"correction": np.zeros(4), "correction_wavelength": RED}, "map"),
-        ({"correction": np.zeros((4, 4), complex), "correction_wavelength": RED}, "map"),
-        ({"correction": np.full((4, 4), 1e30), "correction_wavelength": RED}, "give its radians"),
-        ({"shift": (1 << 20, 0)}, "stays on the device"),
+        ({"correction": np.zeros(4), "correction_wavelength": RED}, "one phase per pixel"),
+        ({"correction": np.zeros((4, 4), complex), "correction_wavelength": RED}, "one phase per pixel"),
+        ({"correction": np.full((4, 4), 1e30), "correction_wavelength": RED}, "finite correction"),
+        ({"shift": (1 << 20, 0)}, "at most 32768 pixels"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": 0.0}, "wavelength"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": math.nan}, "wavelength"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": 633.0}, "wavelength"),
@@ -369,7 +369,7 @@ def test_calibrations_that_are_none(values, says):
 
 def test_correction_of_another_size_than_what_is_shown():
     calibration = Calibration(correction=np.zeros((4, 4)), correction_wavelength=RED)
-    with refused("4 x 4 pixels, what is shown 5 x 4"):
+    with refused("4 x 4 pixels, the hologram 5 x 4"):
         calibration.levels(np.zeros((4, 5)), GREEN)
 
 
@@ -441,9 +441,9 @@ def test_round_trip(folder):
     assert {path.name for path in folder.iterdir()} == {"device.json", "device.correction.npy"}
 
 
-def write(folder, **said):
+def write(folder, **data):
     path = folder / "foreign.json"
-    path.write_text(json.dumps({"format": FORMAT} | said), encoding="utf-8")
+    path.write_text(json.dumps({"format": FORMAT} | data), encoding="utf-8")
     return path
 
 
@@ -457,7 +457,7 @@ def test_written_by_hand(folder):
 
 @pytest.mark.parametrize("channels", [1, 3])
 def test_correction_from_a_picture(channels, tmp_path):
-    """As makers give it: 256 levels are a turn."""
+    """A maker's correction is a picture with 256 levels per turn."""
     mi = variants.bitmaps()
     levels = np.arange(256, dtype=np.uint8).reshape(8, 32)
     picture = levels if channels == 1 else np.repeat(levels[..., None], 3, axis=-1)
@@ -480,7 +480,7 @@ def test_a_correction_of_more_than_a_turn_is_a_picture_too(tmp_path):
 
 
 def test_the_nearest_display_is_taken():
-    """Of two that were calibrated a nanometer apart."""
+    """The nearer one of two models, calibrated a nanometer apart, counts."""
     models = [DisplayModel(nm * 1e-9, crosstalk=0.1 * nm / 638) for nm in (640, 638.5)]
     sensors = [Sensor((4, 4), 1.0, 0.0, 1.0, {})] * 2
     calibration = Calibration(models=tuple(models), sensors=tuple(sensors))
@@ -530,14 +530,14 @@ def test_where_a_camera_saw_each_color(tmp_path):
     shown = ShownLight(blue, (side, side), pitch).light(lens)
     ideal = ShownLight(DisplayModel(BLUE), (side, side), pitch).light(lens)
     assert focus(shown) - focus(ideal) == pytest.approx(found["color_distance"][2], rel=0.1)
-    with refused("The display was not calibrated at 500 nm"):
+    with refused("calibrated .*, got 500 nm"):
         colors_of(path, engine.Hologram(side, side, pitch, (RED, 500e-9)))
 
 
 def test_pictures_that_are_no_correction(tmp_path):
     mi = variants.bitmaps()
     mi.Bitmap(np.zeros((4, 4), np.uint16)).write(str(tmp_path / "deep.png"))
-    with refused("no picture of 8 bits"):
+    with refused("not a picture of 8 bits"):
         Calibration.load(write(tmp_path, correction={"file": "deep.png", "wavelength_nm": 633}))
     (tmp_path / "torn.png").write_bytes(b"\x89PNG\r\n\x1a\nno")
     with refused("cannot be read"):
@@ -545,14 +545,14 @@ def test_pictures_that_are_no_correction(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("data", "says"),
     [
         ({"format": "another"}, "another format"),
         ({"format_version": 2}, "newer"),
         ({"bits": 99}, "1 to 16"),
         ({"size": [1, 2, 3]}, "cannot be read"),
         ({"responses": [{"range": 1}]}, "lacks 'wavelength_nm'"),
-        ({"responses": [{"wavelength_nm": 0.5}]}, "give one in nm"),
+        ({"responses": [{"wavelength_nm": 0.5}]}, "from 100 to 100000 nm"),
         ({"correction": {"file": "map.npy"}}, "lacks 'wavelength_nm'"),
         ({"correction": {"wavelength_nm": 633}}, "lacks 'file'"),
         ({"correction": {"file": "missing.npy", "wavelength_nm": 633}}, "cannot be read"),
@@ -561,9 +561,9 @@ def test_pictures_that_are_no_correction(tmp_path):
         ({"correction": {"file": "map.npy", "wavelength_nm": 0}}, "wavelength"),
     ],
 )
-def test_files_that_are_refused(said, says, tmp_path):
+def test_files_that_are_refused(data, says, tmp_path):
     np.save(tmp_path / "map.npy", np.zeros((2, 3), np.float32))
-    path = write(tmp_path, **said)
+    path = write(tmp_path, **data)
     with refused(says) as _:
         Calibration.load(path)
     with pytest.raises(engine.InvalidInput, match=re.escape(str(path))):
@@ -606,12 +606,12 @@ def test_any_json_is_read_or_refused(folder):
     np.save(folder / "map.npy", np.zeros((2, 3), np.float32))
 
     @settings(quick, max_examples=200)
-    @given(json_values | near_values.map(lambda said: {"format": FORMAT} | said))
+    @given(json_values | near_values.map(lambda data: {"format": FORMAT} | data))
     @example({"format": FORMAT, "bits": math.inf})
     @example({"format": FORMAT, "responses": [{"wavelength_nm": 10**400}]})
     @example({"format": FORMAT, "responses": [{"wavelength_nm": 532, "curve": [[0, 0], [255, 10**400]]}]})
-    def check(said):
-        (folder / "any.json").write_text(json.dumps(said), encoding="utf-8")
+    def check(data):
+        (folder / "any.json").write_text(json.dumps(data), encoding="utf-8")
         try:
             found = Calibration.load(folder / "any.json")
         except engine.InvalidInput as error:

@@ -39,7 +39,7 @@ PATIENCE = SOON
 
 
 def pictures(count, seed=0):
-    """Random levels: grey, and red, green and blue in turn."""
+    """Random levels: gray, and red, green and blue in turn."""
     chance = np.random.default_rng(seed)
     shapes = [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)]
     return [Picture(chance.integers(0, 256, shapes[n % 2], np.uint8), n, ((0, 0),)) for n in range(count)]
@@ -58,7 +58,7 @@ def screenshot(left, top=0, width=WIDTH, height=HEIGHT):
     return np.asarray(grabbed)[..., 2::-1]
 
 
-class Told:
+class Reports:
     """Takes in what a driver tells."""
 
     def __init__(self):
@@ -76,7 +76,7 @@ class Told:
 
 
 def show(driver, number, picture):
-    """As the streamer does."""
+    """Show a picture as the streamer does."""
     while driver.show(number, picture) is False:
         pass
 
@@ -114,7 +114,7 @@ def test_choose():
 
 
 @pytest.mark.parametrize(
-    "found, wanted, message",
+    "found, target, message",
     [
         ([LEFT, RIGHT], "A", "the primary monitor, where you work"),
         ([LEFT], None, "no monitor for the SLM"),
@@ -124,9 +124,9 @@ def test_choose():
         ([LEFT, RIGHT, SMALL], None, "several monitors for the SLM"),
     ],
 )
-def test_no_choice(found, wanted, message):
+def test_no_choice(found, target, message):
     with pytest.raises(InvalidInput, match=message) as error:
-        choose(found, wanted)
+        choose(found, target)
     assert all(str(monitor) in str(error.value) for monitor in found)
 
 
@@ -141,8 +141,8 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
     before = screenshot(0)
     if renderer:
         monkeypatch.setenv("SDL_RENDER_DRIVER", renderer)
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     assert renderer is None or f"({renderer})" in driver.info.note
     try:
         assert (driver.info.name, driver.info.width, driver.info.height) == (SECOND, WIDTH, HEIGHT)
@@ -150,7 +150,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
         sent = pictures(4)
         for number, which in enumerate((0, 1, 2, 0, 3)):  # one of them again
             show(driver, number, sent[which])
-            told.wait(number)
+            reports.wait(number)
             pixels = sent[which].pixels
             np.testing.assert_array_equal(
                 screenshot(WIDTH), pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, 2)
@@ -162,7 +162,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
 
 
 def test_a_hologram(two_monitors):
-    """By `stream`, smaller than the monitor and in its middle, packed in colours; the last picture stays."""
+    """A packed sequence smaller than the monitor is shown in its center; the last picture stays."""
     volume = engine.Hologram(640, 480, 8e-6, (640e-9, 520e-9, 450e-9))
     data = np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 480, 640)).astype(np.float32)
     hologram = engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1, 1, 1))
@@ -185,21 +185,21 @@ def test_a_hologram(two_monitors):
 
 def test_sixty_a_second(two_monitors):
     """The schedule is kept, whatever comes late or is left out: `python -m benchmarks slm` says how many do."""
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     sent = pictures(6)
     start = time.monotonic()
     for number in range(60):
         show(driver, number, sent[number % len(sent)])
     finish(driver)
     assert 0.9 < time.monotonic() - start < SOON
-    assert sorted(told.what) == list(range(60))
-    assert Counter(told.what.values())["dropped"] < 60  # how many are in time is the machine's doing
+    assert sorted(reports.what) == list(range(60))
+    assert Counter(reports.what.values())["dropped"] < 60  # how many are in time is the machine's doing
 
 
 def test_rate_below_the_monitors(two_monitors):
-    driver, told = DisplayDriver(), Told()
-    driver.open(20, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(20, reports)
     assert driver.info.rate == pytest.approx(
         20, rel=0.05
     )  # whatever a busy machine measures of the monitor's
@@ -212,10 +212,10 @@ def test_rate_below_the_monitors(two_monitors):
 
 def test_a_crash_of_the_window(two_monitors):
     """An error within two seconds; the streamer opens another and shows the rest, each once."""
-    driver, told, sent = DisplayDriver(), Told(), pictures(4)
-    driver.open(60, told)
+    driver, reports, sent = DisplayDriver(), Reports(), pictures(4)
+    driver.open(60, reports)
     show(driver, 0, sent[0])
-    told.wait(0)
+    reports.wait(0)
     os.kill(window_of(driver), signal.SIGKILL)
     start = time.monotonic()
     with pytest.raises(DeviceLost, match="window has crashed"):
@@ -293,7 +293,7 @@ def test_the_users_escape(two_monitors):
 
 @pytest.mark.parametrize("rate, loops", [(1e-3, None), (1e-3, 1), (60, None)])
 def test_stopped_at_any_rate(two_monitors, rate, loops):
-    """At once, whatever is waited for: the next picture of 0.001 a second would come after a thousand."""
+    """Cancellation acts at once: the next picture of 0.001 a second would come after a thousand seconds."""
     start = []
 
     def stop(counts):
@@ -307,29 +307,29 @@ def test_stopped_at_any_rate(two_monitors, rate, loops):
 
 
 def test_a_talkative_graphics_driver(two_monitors):
-    """What it writes to standard error is kept out of the way."""
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    """A window that writes a lot to standard error is not blocked."""
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     os.write(driver._window._errors.fileno(), b"warning: this card is old\n" * 10000)
     show(driver, 0, pictures(1)[0])
-    told.wait(0)
+    reports.wait(0)
     driver.close()
 
 
 def test_no_room_for_the_ring(monkeypatch, tmp_path):
     """Asked for before it is used: a program that writes where there is none would die."""
-    asked = []
+    request = []
 
     def full(file, size):
-        asked.append((Path(file.name) if isinstance(file.name, str) else file.name, size))
+        request.append((Path(file.name) if isinstance(file.name, str) else file.name, size))
         raise OSError(28, "No space left on device")
 
     before = set(os.listdir("/dev/shm")) if Path("/dev/shm").exists() else set()
     monkeypatch.setattr(display, "_allocate", full)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(InvalidInput, match="no room"):
-        display._shared(1 << 20)
-    assert {size for _, size in asked} == {64 << 20, 3 << 20}
+        display._allocate_ring(1 << 20)
+    assert {size for _, size in request} == {64 << 20, 3 << 20}
     assert not list(tmp_path.iterdir()) and (not before or set(os.listdir("/dev/shm")) <= before)
 
 
@@ -337,7 +337,7 @@ def test_pictures_of_another_size(two_monitors):
     driver = DisplayDriver()
     driver.open(60, print)
     try:
-        with pytest.raises(InvalidInput, match="800 x 600 .* 1920 x 1080"):
+        with pytest.raises(InvalidInput, match="1920 x 1080 .* 800 x 600"):
             show(driver, 0, Picture(np.zeros((600, 800), np.uint8), 0, ((0, 0),)))
         with pytest.raises(InvalidInput, match="16 bits"):
             show(driver, 0, Picture(np.zeros((HEIGHT, WIDTH), np.uint16), 0, ((0, 0),)))
@@ -348,9 +348,9 @@ def test_pictures_of_another_size(two_monitors):
 def test_no_screen(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(InvalidInput, match="log in at a desktop"):
+    with pytest.raises(InvalidInput, match="Log in at a desktop"):
         monitors()
-    with pytest.raises(InvalidInput, match="log in at a desktop"):
+    with pytest.raises(InvalidInput, match="Log in at a desktop"):
         DisplayDriver().open(60, print)
 
 

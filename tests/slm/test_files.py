@@ -60,7 +60,7 @@ def test_pictures(bits, tmp_path):
     }
 
 
-def test_pictures_in_colour(tmp_path):
+def test_pictures_in_color(tmp_path):
     """Green is shown first, then blue, then red."""
     sequence, levels = made(packing="colour", order="GBR")
     stream(sequence, FilesDriver(tmp_path / "out"))
@@ -97,13 +97,20 @@ def test_raw(bits, tmp_path):
     data = (tmp_path / "out" / "pictures.raw").read_bytes()
     numbers = [int(level) for level in levels.flat]
     assert data == (bytes(numbers) if bits == 8 else struct.pack(f"<{len(numbers)}H", *numbers))
-    said = said_of(tmp_path / "out")
-    assert (said["pictures"], said["width"], said["height"], said["channels"]) == (3, 6, 5, 1)
-    assert said["bytes_per_level"] == (1 if bits == 8 else 2)
-    assert said["pictures"] * said["width"] * said["height"] * said["bytes_per_level"] == len(data)
+    described = said_of(tmp_path / "out")
+    assert (described["pictures"], described["width"], described["height"], described["channels"]) == (
+        3,
+        6,
+        5,
+        1,
+    )
+    assert described["bytes_per_level"] == (1 if bits == 8 else 2)
+    assert described["pictures"] * described["width"] * described["height"] * described[
+        "bytes_per_level"
+    ] == len(data)
 
 
-def test_raw_in_colour(tmp_path):
+def test_raw_in_color(tmp_path):
     sequence, levels = made(packing="colour", order="BGR")
     stream(sequence, FilesDriver(tmp_path / "out", "raw"))
     data = (tmp_path / "out" / "pictures.raw").read_bytes()
@@ -151,7 +158,7 @@ def test_an_earlier_sequence_is_replaced(tmp_path):
 @pytest.mark.parametrize("earlier", [False, True])
 def test_cancelled(kind, earlier, tmp_path, monkeypatch):
     """Nothing is left, or what was there before."""
-    monkeypatch.setattr(streaming, "TOLD", 0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0)
     sequence, levels = made()
     if earlier:
         stream(sequence, FilesDriver(tmp_path / "out"))
@@ -220,12 +227,12 @@ def test_ten_bits_as_png(tmp_path):
 
 
 def test_kinds():
-    with refused("png or raw or video or video-per-color, not tiff"):
+    with refused("png, raw, video, video-per-color, got tiff"):
         FilesDriver("out", "tiff")
 
 
 def test_closed_in_any_order(tmp_path):
-    """Before it is open, twice, and without a picture: nothing appears."""
+    """Closing before opening, twice, or without a picture leaves no folder."""
     driver = FilesDriver(tmp_path / "out")
     driver.close()
     driver.close(finish=True)

@@ -244,8 +244,8 @@ class Wire:
 
     def state(self, *data, session=1):
         """Send this; returns the next sequence number, frames and triggers, as reported then."""
-        kind, said, payload = self(*data, session=session)[-1]
-        assert (kind, said) == (REPORT, session)
+        kind, described, payload = self(*data, session=session)[-1]
+        assert (kind, described) == (REPORT, session)
         expected, _, _, frames, triggers, _ = struct.unpack("<HBBIIi", payload)
         return expected, frames, triggers
 
@@ -282,7 +282,7 @@ def wire(request, start, raw_pty):
 
 @pytest.mark.parametrize("longest", [512, 64])
 def test_handshake_and_messages_on_a_clean_line(start, raw_pty, longest):
-    """What the device is, and that all it is sent has its effect once and in order."""
+    """The firmware describes the device, and everything sent has its effect once and in order."""
     master, slave = raw_pty
     process, link = start(master, longest=longest), Link()
     with open_port(os.ttyname(slave)) as port:
@@ -321,13 +321,13 @@ def test_focus_takes_its_time(start, raw_pty):
             begin = link.position
             link.focus(goal)
             assert link.moving
-            seen = []
+            observed = []
             while link.moving:
-                seen.append(link.position)
+                observed.append(link.position)
                 link.status()
             assert link.position == goal
-            assert seen == sorted(seen, reverse=goal < begin)
-            assert len(set(seen)) > 1
+            assert observed == sorted(observed, reverse=goal < begin)
+            assert len(set(observed)) > 1
 
 
 @pytest.mark.parametrize("longest", [512, 64])
@@ -359,7 +359,7 @@ def test_garbage_before_the_handshake(start, raw_pty, longest, monkeypatch):
 
 
 def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
-    """Whatever is under way, half a frame too, arrives once."""
+    """Everything in flight, even half a frame, arrives once."""
     line = cable()
     process, link, stream, chance = start(line.device), Link(), messages(6), random.Random(7)
     lines = []
@@ -453,7 +453,7 @@ def test_nothing_whole_is_lost_behind_false_beginnings(wire):
 
 
 def test_what_a_silence_cuts_off_is_given_up(wire, raw_pty):
-    """Where nothing more comes, what stands behind the beginning of a long packet is taken."""
+    """Packets after the start of an incomplete one are accepted when nothing else arrives."""
     os.write(raw_pty[0], part(0, 0, bytes(wire.longest - 4))[:20] + trigger(0, 8) + trigger(1, 9)[:-1])
     end = time.monotonic() + SOON
     while not wire.log() and time.monotonic() < end:
@@ -554,7 +554,7 @@ def test_sessions_and_streams(wire):
     """The handshake's four cases, and that packets of other sessions mean nothing."""
     pixels = bytes(range(40))
 
-    def said(answers):
+    def described(answers):
         """Session, goes on, next sequence number and frames of each WELCOME."""
         return [
             (session, payload[1], *struct.unpack_from("<HI", payload, 6))
@@ -565,27 +565,27 @@ def test_sessions_and_streams(wire):
     wire(frame(0, 1, pixels, 8, 5), part(1, 0, pixels))
     wire(frame(2, 2, pixels, 8, 5), part(3, 0, pixels[:20]))
     # the same again: as it did
-    assert said(wire(hello(1, 77))) == [(1, 0, 4, 1)]
+    assert described(wire(hello(1, 77))) == [(1, 0, 4, 1)]
     # older, by as much as it may be, and one that speaks another version
-    assert said(wire(hello(0, 77), hello(129, 77), hello(200, 77))) == []
-    assert said(wire(hello(9, 78, version=2))) == [(9, 0, 4, 1)]
+    assert described(wire(hello(0, 77), hello(129, 77), hello(200, 77))) == []
+    assert described(wire(hello(9, 78, version=2))) == [(9, 0, 4, 1)]
     # none that makes sense
-    assert said(wire(*(hello(5, 80, size=size) for size in (0, 1, 5, 7)))) == []
+    assert described(wire(*(hello(5, 80, size=size) for size in (0, 1, 5, 7)))) == []
     # other sessions
     assert wire(trigger(4, 3, session=0), trigger(4, 4, session=2), session=2) == []
     assert wire.state() == (4, 1, 0)
     # it goes on, with half a frame
-    assert said(wire(hello(128, 77), session=128)) == [(128, 1, 4, 1)]
-    assert said(wire(hello(128, 77), session=128)) == [(128, 1, 4, 1)]
-    assert said(wire(hello(1, 77), session=128)) == []
+    assert described(wire(hello(128, 77), session=128)) == [(128, 1, 4, 1)]
+    assert described(wire(hello(128, 77), session=128)) == [(128, 1, 4, 1)]
+    assert described(wire(hello(1, 77), session=128)) == []
     assert wire(trigger(4, 5), part(4, 20, pixels[20:])) == []
     assert wire.state(part(4, 20, pixels[20:], session=128), session=128) == (5, 2, 0)
-    assert said(wire(hello(255, 77), hello(3, 77), session=3)) == [(255, 1, 5, 2), (3, 1, 5, 2)]
+    assert described(wire(hello(255, 77), hello(3, 77), session=3)) == [(255, 1, 5, 2), (3, 1, 5, 2)]
     assert wire.state(trigger(5, 6, session=3), session=3) == (6, 2, 1)
     # another stream, of any session, forgets all: half a frame, too
     wire(frame(6, 7, pixels, 8, 5, session=3), part(7, 0, pixels[:20], session=3), session=3)
-    assert said(wire(hello(2, 78), session=2)) == [(2, 0, 0, 0)]
-    assert said(wire(hello(2, 78), session=2)) == [(2, 0, 0, 0)]
+    assert described(wire(hello(2, 78), session=2)) == [(2, 0, 0, 0)]
+    assert described(wire(hello(2, 78), session=2)) == [(2, 0, 0, 0)]
     assert wire.state(part(0, 20, pixels[20:], session=2), session=2) == (1, 0, 0)
     right = f"8 5 8 2 {zlib.crc32(pixels):08x}"
     assert wire.log() == [f"frame 1 {right}", f"frame 2 {right}", "trigger 6 7"]
@@ -689,7 +689,7 @@ def test_sketch_compiles(compiler, tmp_path, sketch, board):
 
 
 def run_board(compiler, source, data, byte_time=87, wrap=8700, loop_time=10):
-    """What it answers, as packets, and for each pin its levels and when they began."""
+    """Answers as packets, and the levels of each pin with their start times."""
     program = source.with_name("board")
     compiler(f"-I{FIRMWARE}", f"-I{source.parent}", source, "-o", program)
     done = subprocess.run(
@@ -744,7 +744,7 @@ def test_sketch_pulses_and_steps(compiler, sketch, wrap):
 
 
 def test_sketch_switches_the_laser_of_a_frame(compiler, sketch):
-    """Of one that is right; a byte each microsecond, more than a loop() takes."""
+    """Answers to valid bytes that arrive faster than loop() reads them, one per microsecond."""
     pixels = bytes(8)
     data = hello(1, 5) + frame(0, 1, pixels, 4, 2, color=2) + part(1, 0, pixels)
     data += frame(2, 2, pixels, 4, 2, color=1) + part(3, 0, pixels[:-1] + b"!")

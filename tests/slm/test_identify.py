@@ -1,4 +1,4 @@
-"""Which monitor is which."""
+"""Identification of monitors."""
 
 import threading
 import time
@@ -26,7 +26,7 @@ def test_numerals(number, lit):
 def test_on_each_monitor_its_own(two_monitors, capsys):
     thread = threading.Thread(target=cli.main, args=(["devices", "--identify", "3"],))
     thread.start()
-    wanted = [np.repeat(numeral(n, 1920, 1080)[..., None], 3, 2) for n in (1, 2)]
+    reference = [np.repeat(numeral(n, 1920, 1080)[..., None], 3, 2) for n in (1, 2)]
     end = time.monotonic() + SOON
 
     def is_shown(at, picture):
@@ -34,13 +34,13 @@ def test_on_each_monitor_its_own(two_monitors, capsys):
         part = screenshot(at + 800, 400, 200, 200) == picture[400:600, 800:1000]
         return part.all() and (screenshot(at) == picture).all()
 
-    while not all(is_shown(at, picture) for at, picture in zip((0, WIDTH), wanted, strict=True)):
+    while not all(is_shown(at, picture) for at, picture in zip((0, WIDTH), reference, strict=True)):
         assert time.monotonic() < end and thread.is_alive()
         time.sleep(0.05)
     thread.join()
-    told = capsys.readouterr().out
-    assert "  1  " in told and "  2  " in told
-    assert not (screenshot(WIDTH) == wanted[1]).all()
+    reports = capsys.readouterr().out
+    assert "  1  " in reports and "  2  " in reports
+    assert not (screenshot(WIDTH) == reference[1]).all()
 
 
 def test_what_is_refused(two_monitors, capsys, monkeypatch):

@@ -68,7 +68,7 @@ def cut(data, places):
 )
 @settings(max_examples=60)
 def test_packets_are_found_in_any_pieces(sent, places):
-    """Among whatever lies between them, unless that claims to be the beginning of a packet."""
+    """Packets are found among any bytes, except those that look like the start of a packet."""
     data = b"".join(
         encode(p.kind, p.session, p.sequence, p.payload) + junk.replace(b"\xa5", b"") for p, junk in sent
     )
@@ -81,7 +81,7 @@ def test_packets_are_found_in_any_pieces(sent, places):
 @given(PACKETS, PACKETS, st.data())
 @settings(max_examples=60)
 def test_a_damaged_packet_is_never_taken(first, second, data):
-    """Whatever byte is changed; and the next one is."""
+    """A packet with any changed byte is rejected, and the next one is found."""
     good = encode(first.kind, first.session, first.sequence, first.payload)
     at, change = data.draw(st.integers(0, len(good) - 1)), data.draw(st.integers(1, 255))
     bad = good[:at] + bytes([good[at] ^ change]) + good[at + 1 :]
@@ -117,12 +117,12 @@ def test_a_million_random_bytes(seed):
         end = begin + int(chance.integers(1, 5000))
         for packet in decoder.feed(bytes(data[begin:end])):
             assert not packet.payload  # of length 0: its header is all there is
-        assert len(decoder) < packets.LONGEST + packets.OVERHEAD
+        assert len(decoder) < packets.MAX_PAYLOAD + packets.OVERHEAD
         begin = end
     assert time.monotonic() - start < SOON
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()
-    decoder.feed(bytes(packets.LONGEST + packets.OVERHEAD))
+    decoder.feed(bytes(packets.MAX_PAYLOAD + packets.OVERHEAD))
     assert decoder.feed(encode(1, 2, 3, b"abc")) == [Packet(1, 2, 3, b"abc")]
 
 
@@ -151,7 +151,7 @@ def check(firmware, sent):
     "share, count", [(0.0, 1000), (0.01, 1000), pytest.param(0.01, 10000, marks=pytest.mark.slow)]
 )
 def test_every_message_once_and_in_order(share, count, monkeypatch):
-    """With 1 % of the bytes corrupted, dropped, doubled or delayed, in both directions."""
+    """Everything arrives with 1 % of the bytes corrupted, dropped, doubled or delayed, in both directions."""
     if not share:  # an answer that other programs keep waiting is no loss: time is this program's own
         monkeypatch.setattr(link_module, "time", types.SimpleNamespace(perf_counter=time.process_time))
     firmware, sent = Firmware(), {"shown": [], "triggers": []}
@@ -274,7 +274,7 @@ def test_silence(monkeypatch):
         monkeypatch.setattr(link_module, "PATIENCE", 0.5)
         board.mute = True
         start = time.monotonic()
-        with pytest.raises(DeviceLost, match="does not answer"):
+        with pytest.raises(DeviceLost, match="has not answered"):
             link.trigger(1, 1)
             link.finish()
         assert time.monotonic() - start < SOON
@@ -318,7 +318,7 @@ def test_another_version():
 def test_nobody_there():
     with Board(None) as board:
         start = time.monotonic()
-        with pytest.raises(DeviceLost, match="does not answer for 0.5 s"):
+        with pytest.raises(DeviceLost, match="has not answered for 0.5 s"):
             Link().connect(opened(board), 0.5)
         assert time.monotonic() - start < SOON
 
@@ -351,7 +351,7 @@ def test_a_restarted_device_that_hears_an_old_hello():
         link.frame(0, pixels)
         link.finish()
     broken.unplug()
-    assert 1 < link._messages[0].taken < 2400
+    assert 1 < link._messages[0].accepted < 2400
     firmware.restart()
     firmware.receive(encode(1, link._session, 0, packets.HELLO.pack(1, 0, 5)))
     with Board(firmware) as board:

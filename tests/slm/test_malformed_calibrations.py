@@ -73,19 +73,19 @@ def other_bytes(rng, data):
     return data
 
 
-def other_values(rng, said):
+def other_values(rng, described):
     """A JSON text with a value of another kind somewhere, or without it."""
-    said = place = json.loads(said)
+    described = place = json.loads(described)
     while True:
         key = rng.choice(list(place) if isinstance(place, dict) else range(len(place)))
         if isinstance(place[key], (dict, list)) and rng.random() < 0.7:
             place = place[key]
         elif rng.random() < 0.2:
             del place[key]
-            return json.dumps(said).encode()
+            return json.dumps(described).encode()
         else:
             place[key] = rng.choice(ODD)
-            return json.dumps(said).encode()
+            return json.dumps(described).encode()
 
 
 def damage(rng, path):
@@ -116,11 +116,11 @@ def use(path):
 def check(count, seed, folder):
     """Damage a file so many times, and see what becomes of it."""
     whole, rng = whole_files(folder), random.Random(seed)
-    refused, told = dict.fromkeys(whole, 0), {"map.npy": "npy.json", "map.png": "png.json"}
+    refused, reports = dict.fromkeys(whole, 0), {"map.npy": "npy.json", "map.png": "png.json"}
     for _ in range(count):
         name = rng.choice(list(whole))
         damage(rng, folder / name)
-        named = told.get(name, name)
+        named = reports.get(name, name)
         try:
             use(folder / named)
         except engine.InvalidInput as error:
@@ -162,9 +162,9 @@ def no_files(folder):
 
 def test_no_files(tmp_path):
     for name in no_files(tmp_path):
-        with pytest.raises(engine.InvalidInput, match=name) as told:
+        with pytest.raises(engine.InvalidInput, match=name) as reports:
             use(tmp_path / name)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(reports.value)
 
 
 def test_a_mark_at_the_beginning(tmp_path):
@@ -207,6 +207,6 @@ def test_by_command_line(tmp_path, capsys):
         (encode, "levels.txt"),
     ):
         assert cli.main([*words, str(bad / name)]) == 2
-        said = capsys.readouterr().err
-        assert name in said and said.count("\n") == 1, said
+        described = capsys.readouterr().err
+        assert name in described and described.count("\n") == 1, described
         assert sorted(tmp_path.rglob("*")) == before

@@ -38,7 +38,7 @@ def test_twenty_four_in_bits(order):
 @pytest.mark.parametrize("order", ORDERS)
 def test_unpack_is_the_reverse(packing, order):
     kind = packing_of(packing)
-    bits = min(kind.most_bits, 12)
+    bits = min(kind.max_bits, 12)
     levels = list(np.random.default_rng(3).integers(0, 2**bits, (kind.each, 4, 5), np.uint16))
     levels = levels if bits > 8 else [level.astype(np.uint8) for level in levels]
     found = unpack(pack(levels, packing, order), packing, order)

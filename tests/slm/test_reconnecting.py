@@ -45,13 +45,13 @@ def test_unplugged_and_plugged_in(sequence, tmp_path, restart):
             boards.append(board)
             port.symlink_to(board.path)
 
-    def told(counts):
+    def reports(counts):
         if counts.lost and counts.lost not in lost:
             lost.append(counts.lost)
 
     hand = threading.Thread(target=replug)
     hand.start()
-    counts = stream(sequence, SerialDriver(str(port), 1000000), 150, 20, told, patience=SOON)
+    counts = stream(sequence, SerialDriver(str(port), 1000000), 150, 20, reports, patience=SOON)
     hand.join()
     boards[-1].unplug()
     assert counts.shown == 160 and counts.dropped == 0 and counts.reconnected == 2
@@ -83,7 +83,7 @@ def test_not_there_at_first(sequence, monkeypatch):
     monkeypatch.setattr(controller, "START_PATIENCE", 0.5)
     with Board(None) as board:
         start = time.monotonic()
-        with pytest.raises(DeviceLost, match="does not answer"):
+        with pytest.raises(DeviceLost, match="has not answered"):
             stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=NEVER)
         assert time.monotonic() - start < SOON
 
@@ -114,7 +114,7 @@ def test_patience_with_a_lost_trigger(sequence):
     class Device:
         info, opened = Info("device"), 0
 
-        def open(self, rate, told):
+        def open(self, rate, reports):
             self.opened += 1
 
         def show(self, number, picture):
@@ -163,7 +163,7 @@ def test_lost_when_all_was_shown(sequence):
     class Device:
         info, shown, closed = Info("device"), [], 0
 
-        def open(self, rate, told):
+        def open(self, rate, reports):
             pass
 
         def show(self, number, picture):

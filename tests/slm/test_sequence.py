@@ -1,4 +1,4 @@
-"""Which pictures are sent, in what order, and how holograms are packed into them."""
+"""Sequences: their pictures, order and packing."""
 
 import itertools
 import math
@@ -47,17 +47,17 @@ def made(count=1, packing="time", frames=2, wavelengths=3, **options):
 
 
 def test_micromirrors_on_a_monitor():
-    """Of twice as many pixels; their levels are no even steps, so they need a calibration."""
+    """PLMs take twice the pixels along each side, and need a calibration, as their levels are uneven."""
     coded = hologram(2, 3, value=lambda *_: 16)
-    with refused("not even: give its calibration"):
+    with refused("uneven. Give its calibration"):
         Sequence([coded], None, "plm-067")
     sequence = Sequence([coded], Calibration(bits=4), "plm-067")
     assert sequence.size == (8, 6)
     sequence.fit(12, 10, 8, "the monitor")
     assert sequence.picture(0).pixels.shape == (10, 12, 3) and sequence.calibration.size == (6, 5)
-    with refused("12 x 9 are no multiple"):
+    with refused("12 x 9 is not a multiple"):
         sequence.fit(12, 9)
-    with refused("of a device of 6 x 5 pixels, this one has 5 x 5"):
+    with refused("for a device of 6 x 5 pixels, this one has 5 x 5"):
         Sequence([coded], Calibration(bits=4, size=(6, 5)), "plm-067").fit(10, 10)
 
 
@@ -89,7 +89,7 @@ def test_a_round_is_balanced(frames, wavelengths, packing, count, repeats):
 
 
 def test_bits_of_a_packing_are_those_of_the_levels():
-    """On a monitor of 8 bits a channel, whatever the levels have."""
+    """Packings of bits need a monitor of 8 bits per channel, for any levels."""
     sequence = Sequence([hologram(value=lambda *_: 255)], None, "R7-0,G7-4")
     sequence.fit(6, 5, 8, "the monitor")
     assert sequence.calibration.bits == 12
@@ -135,7 +135,7 @@ def test_bits_of_twenty_four_holograms():
 
 
 def test_equal_keys_are_equal_pictures():
-    """Through repeats and rounds the same, between holograms and places others."""
+    """Keys are the same in repeats and rounds, and differ between holograms and places."""
     sequence = made(2, frames=2, wavelengths=1, repeats=3)
     pictures = [sequence.picture(number) for number in range(2 * len(sequence))]
     for a, b in itertools.combinations(pictures, 2):
@@ -165,7 +165,7 @@ def test_memory_is_bounded(room, monkeypatch):
     """Only so many pictures live at a time, and each is right."""
     sequence = made(3, frames=4, wavelengths=1)
     size = sequence.picture(0).pixels.nbytes
-    monkeypatch.setattr(sequence_module, "MOST_BYTES", room * size + size // 2)
+    monkeypatch.setattr(sequence_module, "MAX_CACHE_BYTES", room * size + size // 2)
     alive = []
     for number in itertools.chain(range(30), [7, 7, 0, 8, 7, 3]):
         picture = sequence.picture(number)
@@ -187,16 +187,16 @@ def test_what_fits_is_made_once(monkeypatch):
 
 
 def test_in_several_threads(monkeypatch):
-    """As in one, and as bounded."""
+    """Several threads get the pictures of one thread, within the same bound of memory."""
     sequence = made(3, frames=5, wavelengths=2)
-    monkeypatch.setattr(sequence_module, "MOST_BYTES", 4 * sequence.picture(0).pixels.nbytes)
+    monkeypatch.setattr(sequence_module, "MAX_CACHE_BYTES", 4 * sequence.picture(0).pixels.nbytes)
     numbers = np.random.default_rng(5).integers(0, 300, 600).tolist()
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda number: sequence.picture(number).pixels[0, 0], numbers))
     for number, level in zip(numbers, found, strict=True):
         assert level == code(number // 10 % 3, number // 2 % 5, number % 2)
-    assert sum(picture.pixels.nbytes for picture in sequence._kept.values()) == sequence._bytes
-    assert sequence._bytes <= sequence_module.MOST_BYTES
+    assert sum(picture.pixels.nbytes for picture in sequence._cache.values()) == sequence._bytes
+    assert sequence._bytes <= sequence_module.MAX_CACHE_BYTES
 
 
 # The device's size
@@ -234,7 +234,7 @@ def test_fit_to_what_is_smaller_is_refused_and_changes_nothing():
 def test_fit_where_the_correction_is_of_another_size():
     calibration = Calibration(correction=np.zeros((3, 4)), correction_wavelength=640e-9)
     sequence = Sequence([hologram()], calibration)
-    with refused("correction has 4 x 3 pixels, the device 6 x 5"):
+    with refused("correction of the device's 6 x 5 pixels, got 4 x 3"):
         sequence.fit(6, 5)
     assert sequence.picture(0).pixels.shape == (3, 4)
 
@@ -247,23 +247,23 @@ def test_fit_where_the_correction_is_of_another_size():
     [
         ([], {}, "no hologram"),
         ([{}], {"packing": "magic"}, "time, colour, bits"),
-        ([{}], {"order": "RGG"}, "RGB in some order"),
-        ([{}], {"order": "RGBA"}, "RGB in some order"),
-        ([{}], {"order": ""}, "RGB in some order"),
-        ([{}], {"repeats": 0}, "at least once"),
-        ([{}, {"size": (4, 4)}], {}, "Hologram 1 has another size"),
-        ([{}, {}, {"frames": 3}], {}, "Hologram 2 has another size"),
-        ([{}, {"wavelengths": 2}], {}, "Hologram 1 has another size or wavelengths"),
-        ([{}], {"packing": "bits", "calibration": Calibration()}, "1 bit at most, the calibration says 8"),
-        ([{}], {"packing": "colour", "calibration": Calibration(bits=9)}, "8 bits at most.*says 9"),
-        ([{}], {"packing": "slm-200", "calibration": Calibration()}, "levels of 10 bits, these have 8"),
+        ([{}], {"order": "RGG"}, "order of the channels R, G and B"),
+        ([{}], {"order": "RGBA"}, "order of the channels R, G and B"),
+        ([{}], {"order": ""}, "order of the channels R, G and B"),
+        ([{}], {"repeats": 0}, "at least 1"),
+        ([{}, {"size": (4, 4)}], {}, "Hologram 1 differs from the first"),
+        ([{}, {}, {"frames": 3}], {}, "Hologram 2 differs from the first"),
+        ([{}, {"wavelengths": 2}], {}, "Hologram 1 differs from the first in size or wavelengths"),
+        ([{}], {"packing": "bits", "calibration": Calibration()}, "at most 1 bit, got 8"),
+        ([{}], {"packing": "colour", "calibration": Calibration(bits=9)}, "at most 8 bits, got 9"),
+        ([{}], {"packing": "slm-200", "calibration": Calibration()}, "levels of 10 bits, got 8"),
         (
             [{}],
             {"packing": "slm-200", "calibration": Calibration(bits=12)},
-            "levels of 10 bits, these have 12",
+            "levels of 10 bits, got 12",
         ),
         ([{}], {"packing": "R7-5,R5-0"}, "name R5 twice"),
-        ([{}], {"packing": "slm-200", "order": "GBR"}, "names its channels itself: leave out the order GBR"),
+        ([{}], {"packing": "slm-200", "order": "GBR"}, "names its channels itself. Omit the order GBR"),
     ],
 )
 def test_refusals(holograms, options, says):
@@ -285,7 +285,7 @@ def test_a_hologram_that_does_not_fit_its_calibration():
 
 
 def test_bits_of_the_device():
-    """Where no calibration says others, the levels span what the device has: half a turn is half of them."""
+    """Levels span the device's without a calibration: half a turn is half of them."""
     half = hologram(1, 1)
     half.data[:] = np.pi
     for bits in (4, 8, 10):

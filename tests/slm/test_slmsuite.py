@@ -96,7 +96,7 @@ with open(sys.argv[1], "w") as file:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """What the script found."""
+    """Results of the script."""
     if importlib.util.find_spec("slmsuite") is None:
         pytest.skip("slmsuite is not installed")
     path = tmp_path_factory.mktemp("slmsuite") / "found.json"
@@ -110,12 +110,12 @@ def found(tmp_path_factory):
 @pytest.mark.parametrize(("bits", "side"), [(8, 16), (10, 32)])
 def test_levels_are_shown_as_they_are(found, bits, side):
     """All of them, also where slmsuite has a correction of its own."""
-    seen = found[str(bits)]
+    view = found[str(bits)]
     levels = np.arange(2**bits).reshape(side, side)
-    np.testing.assert_array_equal(seen["shown"], levels)
-    np.testing.assert_array_equal(seen["corrected"], levels)
-    assert seen["type"] == ("uint8" if bits == 8 else "uint16") and seen["closed"]
-    name, *rest = seen["info"]
+    np.testing.assert_array_equal(view["shown"], levels)
+    np.testing.assert_array_equal(view["corrected"], levels)
+    assert view["type"] == ("uint8" if bits == 8 else "uint16") and view["closed"]
+    name, *rest = view["info"]
     assert "SimulatedSLM" in name and rest == [side, side, bits, None, True, 1]
 
 
@@ -157,7 +157,7 @@ def test_streamed(found):
     ],
 )
 def test_refusals(found, name, says):
-    """At once, in a line that says what to do; a library that is missing is no matter of cables."""
+    """Errors come at once, with a remedy; a missing library is not blamed on cables."""
     kind, text, seconds = found[name]
     if name in ("unknown", "two dots", "no module", "no class", "no options", "other options", "bad size"):
         assert kind == "InvalidInput", text
@@ -174,7 +174,7 @@ def test_refusals(found, name, says):
 
 @pytest.fixture
 def absent(monkeypatch):
-    """As if it were not installed."""
+    """The driver reports slmsuite as missing if it is not installed."""
     find = importlib.util.find_spec
 
     def without(name, *words):

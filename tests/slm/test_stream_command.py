@@ -96,11 +96,11 @@ def everything(folder):
 
 def one_line(capfd, status, says, expected_status=2):
     """An error is one line that says what is wrong."""
-    said = capfd.readouterr()
-    lines = [line for line in said.err.splitlines() if line.startswith("holopath: ")]
-    assert status == expected_status and len(lines) == 1 and "Traceback" not in said.err, said.err
+    described = capfd.readouterr()
+    lines = [line for line in described.err.splitlines() if line.startswith("holopath: ")]
+    assert status == expected_status and len(lines) == 1 and "Traceback" not in described.err, described.err
     assert re.search(says, lines[0]), lines[0]
-    assert "a bug in HoloPath" not in lines[0] and said.out == ""
+    assert "a bug in HoloPath" not in lines[0] and described.out == ""
 
 
 def read(path):
@@ -117,8 +117,8 @@ def test_files(folder, capfd):
     assert len(list(pictures.iterdir())) == 5
     for n, levels in enumerate(levels_of().reshape(4, HEIGHT, WIDTH)):
         np.testing.assert_array_equal(read(pictures / f"picture_{n:06d}.png"), levels)
-    said = capfd.readouterr()
-    assert re.search(r"100% Done: 4 shown.*0 late, 0 dropped", said.err) and said.out == ""
+    described = capfd.readouterr()
+    assert re.search(r"100% Done: 4 shown.*0 late, 0 dropped", described.err) and described.out == ""
 
 
 def test_the_output_folder_stays_holopaths_own(folder):
@@ -133,8 +133,8 @@ def test_files_of_many_kinds(folder, tmp_path):
     levels = levels_of()
     words = ["--driver", "files", "--packing", "colour", "--order", "GBR", "--kind", "raw", "--loops", "2"]
     assert run(folder / "hologram", *words, "--rate", "500", "--out", tmp_path / "raw", "--quiet") == 0
-    said = json.loads((tmp_path / "raw" / "pictures.json").read_text())
-    assert (said["pictures"], said["channels"], said["rate_hz"]) == (8, 3, 500)
+    described = json.loads((tmp_path / "raw" / "pictures.json").read_text())
+    assert (described["pictures"], described["channels"], described["rate_hz"]) == (8, 3, 500)
     data = np.frombuffer((tmp_path / "raw" / "pictures.raw").read_bytes(), np.uint8)
     data = data.reshape(8, HEIGHT, WIDTH, 3)
     shown = levels.reshape(4, HEIGHT, WIDTH)
@@ -165,8 +165,17 @@ def test_ten_bits_of_channels_and_back(packing, folder, tmp_path):
     assert run(folder, "--driver", "files", *words, "--quiet") == 0
     pictures = [str(path) for path in sorted((tmp_path / "o").glob("*.png"))]
     assert len(pictures) == 4
-    said = ["--packing", packing, "--pitch", "8", "--wavelengths", "640", "--out", str(tmp_path / "again")]
-    assert cli.main(["import", pictures[0], *said, "--quiet"]) == 0
+    described = [
+        "--packing",
+        packing,
+        "--pitch",
+        "8",
+        "--wavelengths",
+        "640",
+        "--out",
+        str(tmp_path / "again"),
+    ]
+    assert cli.main(["import", pictures[0], *described, "--quiet"]) == 0
     levels = engine.PhaseHologram.load(tmp_path / "again" / "hologram").data[0, 0] * (1024 / (2 * math.pi))
     away = np.mod(levels * 1.25 / 4 - levels_of()[0, 0] + 128, 256) - 128
     assert np.abs(away).max() <= 0.5 * 1.25 / 4 + 0.01  # half a level of 1024, in levels of 256
@@ -200,7 +209,7 @@ def test_animation(tmp_path):
 
 
 def ideal(depths):
-    """What the engine sees, as red, green and blue."""
+    """The engine's view, as red, green and blue."""
     hologram = hologram_of(levels_of())
     images = engine.reconstruct(hologram.field(engine.Modulator(bits=8)), depths)
     return [engine.to_rgb(image, WAVELENGTHS) for image in images]
@@ -231,7 +240,7 @@ def test_captures_of_the_virtual_bench(packing, folder, tmp_path):
 
 
 def test_captures_at_planes_of_ones_own(folder, tmp_path):
-    """Which need no positions there. The SLM is as the calibration says: with it the picture is the ideal one."""
+    """Captures on the virtual bench need no positions, and the right calibration gives the ideal picture."""
     FocusPlanes((Plane(1.3e-3), Plane(1.6e-3))).save(tmp_path / "planes.json")
     Calibration(size=(WIDTH + 8, HEIGHT + 8), flip_y=True, shift=(2, -1)).save(tmp_path / "device.json")
     words = [
@@ -323,8 +332,8 @@ def test_interrupted(loops, board, folder, capfd):
     status = run(folder, "--driver", "serial", "--port", board.path, "--loops", loops, "--rate", "50")
     assert time.monotonic() - start < SOON
     if loops == "0":
-        said = capfd.readouterr().err
-        assert status == 0 and re.search(r"Done: \d+ shown", said) and "holopath: " not in said
+        described = capfd.readouterr().err
+        assert status == 0 and re.search(r"Done: \d+ shown", described) and "holopath: " not in described
     else:
         one_line(capfd, status, r"Cancelled: \d+ shown", expected_status=1)
     shown = [number for number, *_ in board.firmware.shown]
@@ -352,9 +361,9 @@ class Interrupted(Moved):
     ("after", "trigger"), [(100, False), (600, False), (1000, False), (430, True), (1000, True)]
 )
 def test_line_is_dead_for_a_while(after, trigger, monkeypatch):
-    """Within a picture, between two or in a pulse: each picture is taken once, and so is each pulse."""
+    """Each picture and pulse is accepted once, if the line dies within a picture, between two or in a pulse."""
     monkeypatch.setattr(link_module, "PATIENCE", 0.1)
-    monkeypatch.setattr(streaming, "AGAIN", 0.05)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.05)
     firmware = Interrupted(after, size=(WIDTH, HEIGHT))
     with Board(firmware) as board:
         firmware.board = board
@@ -385,13 +394,13 @@ def planes(tmp_path):
     """The five planes, calibrated."""
     found = FocusPlanes.spread()
     for number in range(5):
-        found = found.calibrated(number, 100 * (number + 1))
+        found = found.with_position(number, 100 * (number + 1))
     found.save(tmp_path / "planes.json")
     return tmp_path / "planes.json"
 
 
 def test_captures_by_a_camera(board, folder, tmp_path, camera, planes):
-    """At every plane, and not before the focus stands there; meanwhile the hologram is shown."""
+    """A capture at every plane waits until the focus has stopped there, while the hologram is shown."""
     board.firmware.speed = 1000
     words = [
         "--driver",
@@ -483,7 +492,7 @@ def test_a_picture_of_an_earlier_time_is_none(board, folder, tmp_path, planes, c
     [
         ("--focus-planes", "focus planes are missing"),
         ("--camera", "camera is missing"),
-        ("positions", r"Focus plane 0 \(80 mm\) has no position yet"),
+        ("positions", r"Focus plane 0 \(80 mm\) has no motor position yet"),
     ],
 )
 def test_captures_that_lack_something(lacks, says, board, folder, tmp_path, camera, planes, capfd):
@@ -522,35 +531,35 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{tmp}/missing"], "missing does not exist"),
         (["{tmp}"], "holds no hologram"),
         (["{tmp}/damaged"], "damaged hologram"),
-        (["{tmp}/film"], "Hologram 1 has another size"),
+        (["{tmp}/film"], "Hologram 1 differs from the first"),
         (["{out}", "--rate", "0"], "rate of 0"),
         (["{out}", "--rate", "-5"], "rate of -5"),
         (["{out}", "--rate", "nan"], "rate of nan"),
         (["{out}", "--rate", "inf"], "rate of inf"),
         (["{out}", "--rate", "fast"], "invalid float"),
         (["{out}", "--loops", "-1"], "-1 rounds"),
-        (["{out}", "--repeats", "0"], "at least once"),
+        (["{out}", "--repeats", "0"], "at least 1"),
         (["{out}", "--bits", "0"], "1 to 16"),
-        (["{out}", "--bits", "10", "--packing", "colour"], "8 bits at most"),
-        (["{out}", "--bits", "8", "--packing", "bits"], "1 bit at most"),
-        (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, these have 8"),
+        (["{out}", "--bits", "10", "--packing", "colour"], "at most 8 bits"),
+        (["{out}", "--bits", "8", "--packing", "bits"], "at most 1 bit"),
+        (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, got 8"),
         (["{out}", "--packing", "R5-7"], "R5-7 rise"),
-        (["{out}", "--order", "RGG"], "RGB in some order"),
+        (["{out}", "--order", "RGG"], "order of the channels R, G and B"),
         (["{out}", "--packing", "magic"], "no packing magic: choose one of time"),
         (["{out}", "--kind", "tiff"], "invalid choice"),
         (["{out}", "--driver", "magic"], "invalid choice"),
         (["{out}", "--calibration", "{tmp}/missing.json"], "missing.json cannot be read"),
         (["{out}", "--calibration", "{tmp}/damaged.json"], "damaged.json cannot be read"),
         (["{out}", "--calibration", "{tmp}/small.json"], "24 x 16 pixels, the device only 8 x 8"),
-        (["{out}", "--driver", "slmsuite", "--options", "no"], "options no are no JSON object"),
-        (["{out}", "--driver", "slmsuite", "--options", "[1]"], "are no JSON object"),
+        (["{out}", "--driver", "slmsuite", "--options", "no"], "JSON object, got no"),
+        (["{out}", "--driver", "slmsuite", "--options", "[1]"], "options as a JSON object"),
         pytest.param(
             ["{out}", "--driver", "slmsuite", "--device", "pluto"],
             "'pluto' is unknown",
             marks=pytest.mark.oracle,  # slmsuite knows
         ),
         (["{out}", "--driver", "serial", "--port", "{tmp}/none"], "none cannot be opened"),
-        (["{out}", "--driver", "serial", "--port", "{tmp}/none", "--baud", "3"], "3 baud"),
+        (["{out}", "--driver", "serial", "--port", "{tmp}/none", "--baud", "3"], "got 3"),
         (["{out}", "--trigger", "--port", "{tmp}/none"], "none cannot be opened"),
         (["{out}", "--out", "{tmp}/film"], "something other than a sequence"),
         (

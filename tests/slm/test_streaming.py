@@ -34,11 +34,11 @@ class Device:
         self.shown, self.times, self.rates, self.closed = [], [], [], []
         self.open_now = False
 
-    def open(self, rate, told):
+    def open(self, rate, reports):
         assert not self.open_now, "open twice"
         self.rates.append(rate)
         self.opening(len(self.rates))
-        self.open_now, self.told = True, told
+        self.open_now, self.reports = True, reports
 
     def show(self, number, picture):
         assert self.open_now, "shown on a device that is closed"
@@ -51,7 +51,7 @@ class Device:
         self.closed.append(finish)
 
     def in_order(self, count, of_one=5):
-        """Whether pictures 0 to `count` were shown, each once and the right one."""
+        """Assert that pictures 0 to `count` were shown, each once and the right one."""
         return self.shown == [(number, number % of_one) for number in range(count)]
 
 
@@ -106,7 +106,7 @@ def clock(monkeypatch):
 @pytest.fixture
 def at_once(monkeypatch):
     """Lost devices are tried again soon."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
 
 
 # In order
@@ -114,12 +114,12 @@ def at_once(monkeypatch):
 
 @pytest.mark.parametrize("loops", [1, 3])
 def test_all_once_and_in_order(loops):
-    device, told = Device(), []
-    counts = stream(made(), device, loops=loops, progress=lambda counts: told.append(str(counts)))
+    device, reports = Device(), []
+    counts = stream(made(), device, loops=loops, progress=lambda counts: reports.append(str(counts)))
     assert device.in_order(5 * loops) and device.closed == [True] and device.rates == [None]
     assert (counts.shown, counts.late, counts.dropped, counts.reconnected) == (5 * loops, 0, 0, 0)
     assert counts.total == 5 * loops and counts.lost == "" and counts.seconds > 0
-    assert told[-1] == str(counts)
+    assert reports[-1] == str(counts)
 
 
 def test_one_picture():
@@ -201,14 +201,17 @@ def test_the_last_picture_has_its_time(clock):
 
 @pytest.mark.parametrize("number", range(7))
 def test_goes_on_with_the_first_that_was_not_shown(number, at_once):
-    device, said = Device(lost(number)), []
+    device, described = Device(lost(number)), []
     counts = stream(
-        made(7), device, patience=SOON, progress=lambda counts: said.append((counts.lost, counts.reconnected))
+        made(7),
+        device,
+        patience=SOON,
+        progress=lambda counts: described.append((counts.lost, counts.reconnected)),
     )
     assert device.in_order(7, 7), device.shown
     assert (counts.shown, counts.reconnected, counts.lost) == (7, 1, "")
     assert device.closed == [False, True] and len(device.rates) == 2
-    assert (f"Gone at {number}: plug it in.", 0) in said and said[-1] == ("", 1)
+    assert (f"Gone at {number}: plug it in.", 0) in described and described[-1] == ("", 1)
 
 
 def test_lost_again_and_again(at_once):
@@ -242,7 +245,7 @@ def test_never_there():
 
 
 def test_the_time_away_is_no_reason_to_drop(at_once, clock):
-    """With a rate, and a device that drops: the schedule begins anew where it goes on."""
+    """The schedule of a device that drops starts again after a loss."""
     device = Device(lost(3), drops=True)
     counts = stream(made(), device, rate=200, loops=2, patience=SOON)
     assert device.in_order(10) and counts.dropped == 0
@@ -278,7 +281,7 @@ def test_patience_over(clock):
     device = Device(lost(3), opening)
     with pytest.raises(DeviceLost, match="Still away"):
         stream(made(), device, patience=3)
-    assert 3 <= clock.monotonic() - device.times[3] < 3 + 1.2 * streaming.AGAIN
+    assert 3 <= clock.monotonic() - device.times[3] < 3 + 1.2 * streaming.RETRY_INTERVAL
     assert device.in_order(3) and not any(device.closed) and not device.open_now
 
 
@@ -304,9 +307,9 @@ def test_patience_begins_anew_after_each_picture(clock):
 @pytest.mark.parametrize("case", ["fast", "waiting", "slow device", "lost"])
 def test_cancelled(case):
     def stop(counts):
-        nonlocal asked
+        nonlocal request
         if time.monotonic() - start > 0.1:
-            asked = asked or time.monotonic()
+            request = request or time.monotonic()
             raise engine.Cancelled
 
     def opening(time):
@@ -314,7 +317,7 @@ def test_cancelled(case):
             raise DeviceLost("Away: plug it in.")
 
     trouble = lost(3) if case == "lost" else lambda number: time.sleep(0.05 if case == "slow device" else 0)
-    device, start, asked = Device(trouble, opening), time.monotonic(), None
+    device, start, request = Device(trouble, opening), time.monotonic(), None
     with pytest.raises(engine.Cancelled):
         stream(
             made(),
@@ -324,7 +327,7 @@ def test_cancelled(case):
             progress=stop,
             patience=NEVER,
         )
-    assert time.monotonic() - start < SOON and asked
+    assert time.monotonic() - start < SOON and request
     assert not device.open_now and device.closed and not any(device.closed)
     assert threading.active_count() < 20
 
@@ -342,12 +345,12 @@ def test_cancelled_while_pictures_are_prepared(monkeypatch):
         if begun:
             raise engine.Cancelled
 
-    monkeypatch.setattr(streaming, "TOLD", 0.0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr(Sequence, "picture", picture)
     device = Device()
     with pytest.raises(engine.Cancelled):
         stream(sequence, device, loops=None, progress=stop)
-    assert len(begun) < streaming.RING and not device.open_now
+    assert len(begun) < streaming.QUEUE and not device.open_now
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, MemoryError])
@@ -393,7 +396,7 @@ def test_no_trigger_for_what_is_dropped():
 @pytest.mark.parametrize("number", [0, 3, 4])
 @pytest.mark.parametrize("threaded", [False, True])
 def test_a_trigger_that_raises_ends_it(number, threaded):
-    """With its error, also at the last picture; in a thread of the device's too."""
+    """An error of the trigger ends the streaming, also at the last picture and in a thread of the device."""
 
     def trigger(now):
         pulses.append(now)
@@ -464,28 +467,28 @@ class Clockwork(Device):
     def __init__(self, *words, fates=None, **info):
         super().__init__(*words, rate=333.0, **info)
         self.fates = fates or {}
-        self.seen, self.most_waiting = [], 0
+        self.view, self.max_waiting = [], 0
 
-    def open(self, rate, told):
-        super().open(rate, told)
+    def open(self, rate, reports):
+        super().open(rate, reports)
         self.waiting, self.end = queue.Queue(4), threading.Event()
-        self.thread = threading.Thread(target=self._run, args=(self.waiting, self.end, told))
+        self.thread = threading.Thread(target=self._run, args=(self.waiting, self.end, reports))
         self.thread.start()
 
     def show(self, number, picture):
         super().show(number, picture)
         self.waiting.put(number)
-        self.most_waiting = max(self.most_waiting, self.waiting.qsize())
+        self.max_waiting = max(self.max_waiting, self.waiting.qsize())
 
-    def _run(self, waiting, end, told):
+    def _run(self, waiting, end, reports):
         while not (end.is_set() and waiting.empty()):
             try:
                 number = waiting.get(timeout=0.003)
             except queue.Empty:
                 continue
             time.sleep(0.003)
-            self.seen.append(number)
-            told(number, self.fates.get(number, SHOWN))
+            self.view.append(number)
+            reports(number, self.fates.get(number, SHOWN))
 
     def close(self, finish=False):
         if self.open_now:
@@ -502,18 +505,18 @@ def test_device_that_keeps_time():
     start = time.monotonic()
     counts = stream(made(), device, rate=rate, loops=4, trigger=pulses.append)
     assert time.monotonic() - start < SOON  # as much as each would take
-    assert device.rates == [rate] and device.seen == list(range(20)) and device.most_waiting > 1
+    assert device.rates == [rate] and device.view == list(range(20)) and device.max_waiting > 1
     assert (counts.shown, counts.late, counts.dropped) == (19, 2, 1)
     assert pulses == [number for number in range(20) if number != 4]
 
 
 def test_device_that_keeps_time_lost(at_once):
-    """What it had taken but not shown is sent again, and counted once, though an old thread tells of it late."""
+    """Pictures not shown are sent again and counted once, even if an old thread reports them late."""
     device, old = Clockwork(lost(9)), []
     counts = stream(
-        made(), device, loops=4, patience=SOON, progress=lambda counts: old.append(device.told(0, SHOWN))
+        made(), device, loops=4, patience=SOON, progress=lambda counts: old.append(device.reports(0, SHOWN))
     )
-    assert device.seen == sorted(device.seen) and device.seen == list(range(20))
+    assert device.view == sorted(device.view) and device.view == list(range(20))
     assert (counts.shown, counts.dropped, counts.reconnected) == (20, 0, 1) and old
     again = [number for number, _ in device.shown]
     assert again.count(8) == 2 and again[-1] == 19  # it had been taken, but not shown
@@ -525,30 +528,30 @@ def test_a_still_is_there_when_it_returns(rate):
 
     def later(number):
         if rate:
-            threading.Timer(0.05, lambda: seen.append(number) or device.told(number, LATE)).start()
+            threading.Timer(0.05, lambda: view.append(number) or device.reports(number, LATE)).start()
         else:
-            seen.append(number)
+            view.append(number)
 
-    seen, device = [], Device(later, rate=rate, width=4, height=4)
+    view, device = [], Device(later, rate=rate, width=4, height=4)
     with Stills(device) as stills:
         for number in range(3):
             stills.show(np.full((2, 2), number, np.uint8), 8)
-            assert seen == list(range(number + 1))
+            assert view == list(range(number + 1))
     assert device.closed == [False] and device.shown == [(n, 128) for n in range(3)]  # with what is around
 
 
 def test_a_still_in_the_bits_of_channels():
-    """What is around it is half a turn; of two frames in a picture both are the same."""
+    """A checkerboard of half a turn surrounds a still; both holograms of a picture are the same."""
     pictures = []
     device = Device(width=4, height=4, bits=8, channels=3)
     device.show = lambda number, picture: pictures.append(picture)
     with Stills(device, "slm-200-120hz") as stills:
         stills.show(np.full((2, 2), 1023, np.uint16), 10)
-        with pytest.raises(engine.InvalidInput, match="levels of 10 bits, these have 8"):
+        with pytest.raises(engine.InvalidInput, match="levels of 10 bits, got 8"):
             stills.show(np.zeros((2, 2), np.uint8), 8)
     (picture,) = pictures
     with (
-        pytest.raises(engine.InvalidInput, match="not 2 in one picture: use --packing time"),
+        pytest.raises(engine.InvalidInput, match="not 2 in one picture. Use --packing time"),
         Stills(Device(), "slm-200-120hz") as stills,
     ):
         stills.show(np.full((2, 2), 1023, np.uint16), 10)
@@ -557,17 +560,17 @@ def test_a_still_in_the_bits_of_channels():
 
 
 def test_a_still_that_never_comes(monkeypatch):
-    monkeypatch.setattr(streaming, "STILL", 0.05)
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "STILL_TIMEOUT", 0.05)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
     device = Device(rate=60.0)
-    with pytest.raises(DeviceLost, match="test does not say that it shows"), Stills(device) as stills:
+    with pytest.raises(DeviceLost, match="test does not report the picture"), Stills(device) as stills:
         stills.show(np.zeros((2, 2), np.uint8), 8)
     assert not device.open_now
 
 
 def test_a_still_on_a_device_in_trouble(monkeypatch):
     """It is asked again and again, and its own words count."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
 
     def closed(number):
         if len(device.times) > 1:

@@ -79,7 +79,7 @@ def test_a_binary_device(tmp_path):
         (" ".join(map(str, RISING / TURN)), "turns, or units of pi"),
         (" ".join(map(str, RISING / math.pi)), "turns, or units of pi"),
         ("phase (rad) or (pi)\n0 1 2 3 4 5 6", "several units"),
-        ("\n".join(f"{n} {16 * n}" for n in range(256)), "which voltage"),
+        ("\n".join(f"{n} {16 * n}" for n in range(256)), "the voltage of each level"),
         ("\n".join(f"{n} {n / 40} 0" for n in range(256)), "3 columns"),
         ("\n".join(f"{n} {n / 40}" for n in range(1, 257)), "does not count levels from 0"),
         ("0 0\n64 3\n200 6.5", "levels up to 200"),
@@ -87,7 +87,7 @@ def test_a_binary_device(tmp_path):
         ("phase\n", "no phases"),
         ("7", "no phases"),
         ("0 nan 5", "no phases"),
-        ("0 100.5 200.5", "beyond 20 turns"),
+        ("0 100.5 200.5", "exceeds 20 turns"),
         ("0,012\n0,049\n6,1", "does not count levels from 0"),
         ("0 " * 200000, "more than 65536"),
     ],
@@ -112,7 +112,7 @@ def test_a_makers_table_of_voltages(tmp_path):
     st.booleans(),
 )
 def test_exact_or_refused(tmp_path_factory, bits, turns, named, scale, line, falling):
-    """Whatever unit a person means: the phases that are meant, or a sentence."""
+    """A table of any unit gives the intended phases, or a refusal."""
     meant = np.linspace(0, turns * TURN, 2**bits) * (-1 if falling else 1)
     scale = named[1] if named else scale
     lines = [line.format(level, repr(float(phase))) for level, phase in enumerate(meant / scale)]

@@ -38,10 +38,10 @@ def field_of(seed=0):
 def bench():
     """A bench that is off in everything, and a calibration that knows all of it but the aberrations."""
     camera = round(1.4 * SIDE)
-    start = slm.nominal(WINDOW, FOCI, (camera, camera), VIEW)
-    bench, truth = slm.mis_set(start, WINDOW, 4)
+    start = slm.nominal_setup(WINDOW, FOCI, (camera, camera), VIEW)
+    bench, truth = slm.perturbed_bench(start, WINDOW, 4)
     rows = parameters(start)
-    found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
+    found = slm.FitResult(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
     known = slm.calibration_of(found, WINDOW)
     blind = replace(known.models[0], aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
     return replace(bench, source=THIRD), replace(known, models=(blind,))
@@ -60,9 +60,9 @@ def encoded(field, calibration):
 def on_the_bench(bench, field, calibration, phase, distance=4.5e-3):
     """PSNR in dB of the picture without the camera."""
     shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
-    seen = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
-    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
-    return metrics.psnr(seen[..., None], wanted, border=4)
+    view = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
+    target = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
+    return metrics.psnr(view[..., None], target, border=4)
 
 
 def test_where_the_camera_looks_there_and_back(bench):
@@ -82,10 +82,10 @@ def test_what_the_model_does_not_know_is_made_up_for(bench):
     field = field_of()
     phase = encoded(field, calibration)
     before = [on_the_bench(bench, field, calibration, phase, z) for z in (4.5e-3, 3e-3)]
-    tuned = slm.tune(phase, field, bench.look, calibration, GREEN, rounds=8)
+    tuned = slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=8)
     after = [on_the_bench(bench, field, calibration, tuned, z) for z in (4.5e-3, 3e-3)]
-    seen = tuned.report["tuned"][0]["psnr_db"]
-    assert len(seen) == 9 and max(seen) > seen[0] + 0.7
+    view = tuned.report["tuned"][0]["psnr_db"]
+    assert len(view) == 9 and max(view) > view[0] + 0.7
     assert after[0] > before[0] + 0.7 and after[1] > before[1]
     assert tuned.data.dtype == np.float32 and tuned.method == phase.method
 
@@ -101,7 +101,7 @@ def test_stopped_in_the_middle_keeps_the_best(bench):
         taken.append(distance)
         if len(taken) > 2.5 * FRAMES * len(FOCI):
             raise KeyboardInterrupt
-        return bench.look(levels, distance)
+        return bench.capture_values(levels, distance)
 
     with pytest.raises(engine.Cancelled) as stopped:
         slm.tune(phase, field, look, calibration, GREEN)
@@ -169,7 +169,7 @@ def test_a_camera_that_fails_leaves_the_best(bench):
     def look(levels, distance):
         if next(taken) == FRAMES * len(FOCI):
             raise engine.InvalidInput("The camera's command failed.")
-        return bench.look(levels, distance)
+        return bench.capture_values(levels, distance)
 
     with pytest.raises(engine.InvalidInput, match="command failed") as failed:
         slm.tune(phase, field, look, calibration, GREEN)
@@ -183,7 +183,7 @@ def test_refusals(says, bench):
     phase = engine.encode(field, "sgd", max_steps=1)
     calibration, phase = REFUSED[says](calibration, phase)
     with pytest.raises(engine.InvalidInput, match=says):
-        slm.tune(phase, field, bench.look, calibration, GREEN, rounds=1)
+        slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=1)
 
 
 @pytest.mark.slow

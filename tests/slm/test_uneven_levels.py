@@ -41,8 +41,8 @@ def decibels(field, phase, calibration, sent=None):
     bench = VirtualDriver(phase, calibration)
     slm.stream(slm.Sequence([phase], sent or calibration), bench)
     bench.focus_at(2e-3)
-    wanted = engine.reconstruct(field, [bench.focus])[0]
-    return metrics.psnr(bench.capture(), wanted, border=4)
+    target = engine.reconstruct(field, [bench.focus])[0]
+    return metrics.psnr(bench.capture(), target, border=4)
 
 
 @pytest.mark.parametrize("name", RESPONSES)
@@ -56,7 +56,7 @@ def test_phases_are_levels(name, method, field):
 
 @pytest.mark.slow
 def test_what_measured_levels_gain(field):
-    """Over even ones, and over the nearest of them for phases that are free."""
+    """Gain over even levels, and over the nearest levels of free phases."""
     gains = {}
     for name in RESPONSES:
         device, even = calibration(name), slm.Calibration(bits=RESPONSES[name][0])
@@ -130,7 +130,7 @@ def test_what_a_correction_costs(field):
 
 
 def test_the_device_shows_exactly_what_was_encoded(field):
-    """On a larger panel that is mirrored, moved and bent."""
+    """The calibration of a larger panel that is mirrored, moved and bent."""
     height, width = field.hologram.height, field.hologram.width
     device = replace(
         calibration("plm"),
@@ -142,8 +142,8 @@ def test_the_device_shows_exactly_what_was_encoded(field):
     )
     phase = engine.encode(field, "dpac", levels=device.levels_of(field.hologram))
     levels = slm.Sequence([phase], device).picture(0).pixels
-    seen = device.seen(levels, GREEN, (height, width))
-    assert np.abs(np.exp(1j * seen) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
+    view = device.shown_phases(levels, GREEN, (height, width))
+    assert np.abs(np.exp(1j * view) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
     assert len(np.unique(phase.data)) > 1000 and len(np.unique(levels)) == 16
 
 
@@ -151,12 +151,12 @@ def test_a_correction_of_another_size(field):
     with pytest.raises(engine.InvalidInput, match="has 3 x 2 pixels, the field"):
         engine.encode(field, "sgd", levels=[engine.Levels((0, 1), np.zeros((2, 3)))])
     small = slm.Calibration(correction=np.zeros((2, 3)), correction_wavelength=GREEN)
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the hologram"):
         small.levels_of(field.hologram)
 
 
 def thickness(height, width):
-    """How many times its mean response each pixel makes, as where a cell is thinner at one side."""
+    """Factors of the response of pixels, as in a cell that is thinner at one side."""
     y, x = np.mgrid[:height, :width] / max(height, width)
     return 1 + 0.25 * (x - 0.5) + 0.1 * np.sin(5 * y)
 
@@ -167,7 +167,7 @@ def thickness(height, width):
     ("name", "gain", "loss"), [("plm", 2, 0.8), pytest.param("bent", 5, 1.2, marks=pytest.mark.slow)]
 )
 def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
-    """On a larger panel, mirrored, moved and bent: little is lost where it is known, decibels where it is not."""
+    """A known variation of a larger panel, mirrored, moved and bent, costs little, an unknown one decibels."""
     height, width = field.hologram.height, field.hologram.width
     plain = calibration(name)
     device = replace(
@@ -192,9 +192,9 @@ def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
     assert found[0] > found[1] + gain and found[0] > found[2] - loss, found
     if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
         levels = slm.Sequence([known], device).picture(0).pixels
-        seen = device.seen(levels, GREEN, (height, width))
+        view = device.shown_phases(levels, GREEN, (height, width))
         # two levels a turn apart may be as near: to what the device's table resolves
-        assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 0.01
+        assert np.abs(np.exp(1j * view) - np.exp(1j * known.data[0, 0])).max() < 0.01
 
 
 def test_files_of_a_response_that_varies(field, tmp_path, capsys):
@@ -218,7 +218,7 @@ def test_files_of_a_response_that_varies(field, tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
     with pytest.raises(engine.InvalidInput, match="variation of the levels has 3 x 2"):
         engine.encode(field, "sgd", levels=[engine.Levels((0, 1), variation=np.ones((2, 3)))])
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the hologram"):
         slm.Calibration(variation=np.ones((2, 3))).levels(np.zeros((4, 4)), GREEN)
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the device"):
+    with pytest.raises(engine.InvalidInput, match="4 x 4 pixels, got 3 x 2"):
         slm.Calibration(variation=np.ones((2, 3)), size=(4, 4))

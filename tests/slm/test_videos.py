@@ -43,12 +43,12 @@ def shown(program, file, size=(34, 21)):
     """All pictures of a video, and its rate."""
     command = [program, "-nostdin", "-i", str(file), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
-    said = done.stderr.decode()
-    rate = float(said.partition(" fps,")[0].rpartition(" ")[2])
+    described = done.stderr.decode()
+    rate = float(described.partition(" fps,")[0].rpartition(" ")[2])
     return np.frombuffer(done.stdout, np.uint8).reshape(-1, *size[::-1], 3), rate
 
 
-def told(folder):
+def reports(folder):
     return json.loads((folder / "pictures.json").read_text())["videos"]
 
 
@@ -63,7 +63,7 @@ def test_a_video_for_each_color(program, tmp_path):
         expected = np.tile(levels[:, :, k], (1, 3, 1, 1)).reshape(-1, 21, 34)
         for channel in range(3):
             np.testing.assert_array_equal(pictures[..., channel], expected)
-        assert rate == 180 and told(tmp_path / "out")[name] == {
+        assert rate == 180 and reports(tmp_path / "out")[name] == {
             "wavelength_nm": pytest.approx(WAVELENGTHS[k] * 1e9),
             "pictures": 24,
             "pictures_of_a_hologram": 12,
@@ -72,13 +72,13 @@ def test_a_video_for_each_color(program, tmp_path):
 
 
 def test_colors_in_the_channels(program, tmp_path):
-    """Of a rate that is no whole number, and two rounds."""
+    """A video of two rounds, with a rate that is not a whole number."""
     levels = levels_of(3, 1, WAVELENGTHS)
     sequence = Sequence(film_of(levels), Calibration(bits=8), "colour")
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=59.94, loops=2)
     pictures, rate = shown(program, tmp_path / "out" / "pictures.mkv")
     np.testing.assert_array_equal(pictures, np.tile(np.moveaxis(levels[:, 0], 1, -1), (2, 1, 1, 1)))
-    assert rate == 59.94 and told(tmp_path / "out")["pictures.mkv"]["pictures"] == 6
+    assert rate == 59.94 and reports(tmp_path / "out")["pictures.mkv"]["pictures"] == 6
 
 
 def test_colors_one_after_the_other(program, tmp_path):
@@ -87,11 +87,11 @@ def test_colors_one_after_the_other(program, tmp_path):
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=60.0)
     pictures, _ = shown(program, tmp_path / "out" / "pictures.mkv")
     np.testing.assert_array_equal(pictures[..., 1], levels.reshape(-1, 21, 34))
-    assert told(tmp_path / "out")["pictures.mkv"]["seconds_of_a_hologram"] == pytest.approx(0.1)
+    assert reports(tmp_path / "out")["pictures.mkv"]["seconds_of_a_hologram"] == pytest.approx(0.1)
 
 
 def test_cancelled(program, tmp_path, monkeypatch):
-    monkeypatch.setattr(streaming, "TOLD", 0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0)
     sequence = Sequence(film_of(levels_of(2, 1, WAVELENGTHS)), Calibration(bits=8))
 
     def stop(counts):
@@ -125,20 +125,20 @@ def test_a_program_that_fails(tmp_path, monkeypatch):
 def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(video, "ffmpeg", lambda: "ffmpeg")
     sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS)), Calibration(bits=8), "colour")
-    with refused("packing colour holds several colors: choose --kind video, or the packing time"):
+    with refused("packing colour holds several colors. Choose --kind video, or the packing time"):
         stream(sequence, FilesDriver(tmp_path / "out", "video-per-color", sequence), rate=60.0)
     sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS, 10), bits=10), Calibration(bits=10))
-    with refused("A video has levels of 8 bits, these have 10"):
+    with refused("A video has levels of 8 bits, got 10"):
         stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=60.0)
     with refused("colors and times of a sequence"):
         FilesDriver(tmp_path / "out", "video")
     sequence.holograms[0].save(tmp_path / "hologram")
     words = ["stream", str(tmp_path / "hologram"), "--driver", "files", "--kind", "video"]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 2
-    assert "A video has a rate: give --rate" in capfd.readouterr().err
+    assert "A video needs a rate. Give --rate" in capfd.readouterr().err
     monkeypatch.undo()
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert cli.main([*words, "--rate", "60", "--out", str(tmp_path / "out")]) == 1
-    assert "install it, or `pip install holopath[video]`, or choose --kind png" in capfd.readouterr().err
+    assert "Install it, or run `pip install holopath[video]`, or choose --kind png" in capfd.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["hologram"]

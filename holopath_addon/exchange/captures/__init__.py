@@ -1,9 +1,9 @@
-"""Files of pictures, depths, point clouds and views, and the scenes that they are."""
+"""Readers of pictures with depth, point clouds and views, and their scenes."""
 
 from .depths import DEPTHS, UNIT_WORDS, UNITS, read_depth
-from .opening import SUFFIXES, capture
+from .opening import SUFFIXES, open_capture
 from .options import CapturedScene, CaptureOptions, with_depth_beside
-from .picture import ALONG, PictureFile, reduced
+from .picture import ALONG, PictureFile, downsample
 from .pixels import PICTURES, read_picture
 from .ply import read_points
 from .points import AXES, AXES_WORDS, PointFile
@@ -24,10 +24,10 @@ __all__ = [
     "PictureFile",
     "PointFile",
     "ViewFile",
-    "capture",
+    "downsample",
+    "open_capture",
     "read_depth",
     "read_picture",
     "read_points",
-    "reduced",
     "with_depth_beside",
 ]

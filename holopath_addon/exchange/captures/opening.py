@@ -1,4 +1,4 @@
-"""Which kind of capture a file is."""
+"""Opening of a capture by the kind of its file."""
 
 from __future__ import annotations
 
@@ -17,17 +17,23 @@ if TYPE_CHECKING:
 SUFFIXES = (*PICTURES, *POINTS, *VIEWS)
 
 
-def capture(path: Path, options: CaptureOptions) -> PictureFile | PointFile | ViewFile:
-    """Open a picture with depth, a point cloud or views; its options are checked, and its files are not read yet.
+def open_capture(path: Path, options: CaptureOptions) -> PictureFile | PointFile | ViewFile:
+    """Open a picture with depth, a point cloud or views: check the options, without reading the files yet.
+
+    Parameters
+    ----------
+    path : Path
+        Its suffix is one of `SUFFIXES`.
+    options : CaptureOptions
 
     Raises
     ------
     InvalidInput
-        If an option is missing, or is not for such a file.
+        If a required option is missing, or an option does not apply to the kind of file.
     """
     suffix = path.suffix.lower()
     if suffix in POINTS:
         return PointFile(path, options)
-    named = QUILT.search(path.stem) and options.depth is None
-    given = any(name.startswith("view_") for name in options.given)
-    return (ViewFile if suffix in VIEWS or named or given else PictureFile)(path, options)
+    is_quilt = QUILT.search(path.stem) and options.depth is None
+    has_views = any(name.startswith("view_") for name in options.names)
+    return (ViewFile if suffix in VIEWS or is_quilt or has_views else PictureFile)(path, options)

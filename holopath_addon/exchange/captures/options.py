@@ -1,4 +1,4 @@
-"""What the files of a capture do not say of themselves, and what is told where it is taken for granted."""
+"""Options of captures, and notes on their defaults."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ if TYPE_CHECKING:
 
     from ...engine import Camera
 
-ANOTHER_SHAPE = 0.01  # relative difference of aspects
+ASPECT_TOLERANCE = 0.01  # relative difference of aspects
 
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """What the files of a capture do not say of themselves.
+    """Options of a capture, for information that its files lack.
 
     Attributes
     ----------
     depth : str or None
         File of a picture's depth.
     depth_unit : str or None
-        One of `UNITS`.
+        Unit of the depths, one of `UNITS`.
     depth_ends : sequence of float, or None
         Depths in meters of the inverse depths 0 and 1.
     depth_along : str or None
-        One of `ALONG`: of what depths are distances. Default: the axis.
+        Direction of the depths, one of `ALONG`. Default: the camera's axis.
     fov : float or None
         Full horizontal field of view, degrees.
     axes : str or None
-        One of `AXES`, of a point cloud.
+        Axes of a point cloud, one of `AXES`.
     point_radius : float or None
-        Meters.
+        Radius of the points of a point cloud, meters.
     view_span : sequence of float, or None
-        Distance from the first view to the last, to the right, and down where there are several rows, meters.
+        Distance from the first viewpoint to the last, to the right, and down for several rows, meters.
     view_focus : float or None
         Distance of the plane at which all views agree, meters.
     view_panel : float or None
-        Distance of the panel that shows them, meters. Default: that at which they agree.
+        Distance of the panel that shows the views, meters. Default: `view_focus`.
     """
 
     depth: str | None = None
@@ -60,25 +60,25 @@ class CaptureOptions:
     view_panel: float | None = None
 
     @property
-    def given(self) -> list[str]:
-        """Names of those that are given."""
+    def names(self) -> list[str]:
+        """Names of the options that are set."""
         return [each.name for each in fields(self) if getattr(self, each.name) is not None]
 
     def to_dict(self) -> dict:
-        """JSON-able form of those that are given, with the depth file's whole path; see `from_dict`."""
-        kept = {name: value for name, value in asdict(self).items() if value is not None}
+        """JSON form of the options that are set, with the depth file's absolute path; see `from_dict`."""
+        values = {name: value for name, value in asdict(self).items() if value is not None}
         if self.depth is not None:
-            kept["depth"] = str(Path(self.depth).absolute())
-        return kept
+            values["depth"] = str(Path(self.depth).absolute())
+        return values
 
     @classmethod
     def from_dict(cls, values: dict) -> CaptureOptions:
-        """Inverse of `to_dict`."""
-        known = {each.name for each in fields(cls)}
-        kept = {name: value for name, value in values.items() if name in known}
-        if "view_focus" in kept:
-            kept["view_focus"] = float(kept["view_focus"])  # JSON has no infinity, so it is text there
-        return cls(**kept)
+        """Options of the JSON form of `to_dict`."""
+        names = {each.name for each in fields(cls)}
+        values = {name: value for name, value in values.items() if name in names}
+        if "view_focus" in values:
+            values["view_focus"] = float(values["view_focus"])  # JSON has no infinity, which is a string
+        return cls(**values)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class CapturedScene:
     scene : mitsuba.Scene
     camera : Camera
     notes : list of dict
-        What was taken for granted: object, feature, effect, material.
+        Defaults and differences: object, feature, effect, material.
     """
 
     scene: mi.Scene
@@ -99,57 +99,57 @@ class CapturedScene:
 
 
 def with_depth_beside(options: CaptureOptions, path: Path) -> CaptureOptions:
-    """The options, with a depth file that is not there looked for beside the picture."""
+    """The options with the depth file beside the picture of a path, unless it exists elsewhere."""
     if options.depth is None or Path(options.depth).exists():
         return options
     return replace(options, depth=str(path.parent / Path(options.depth).name))
 
 
-def refuse(options: CaptureOptions, names: Iterable[str], why: str) -> None:
-    """Refuse options that are given and are not for such a file.
+def refuse(options: CaptureOptions, names: Iterable[str], reason: str) -> None:
+    """Refuse options of some names with a reason.
 
     Raises
     ------
     InvalidInput
     """
     for name in names:
-        if name in options.given:
-            raise InvalidInput(f"{why}: leave out --{name.replace('_', '-')}.")
+        if name in options.names:
+            raise InvalidInput(f"{reason}. Omit --{name.replace('_', '-')}.")
 
 
 def check_fov(options: CaptureOptions) -> None:
-    """Refuse a field of view that no camera has.
+    """Refuse a field of view that no camera can have.
 
     Raises
     ------
     InvalidInput
     """
     if options.fov is not None and not 0 < options.fov < 180:
-        raise InvalidInput(f"The field of view must lie between 0 and 180 degrees, not {options.fov:g}.")
+        raise InvalidInput(f"The field of view must lie between 0 and 180 degrees, got {options.fov:g}.")
 
 
 def fov_of(options: CaptureOptions) -> float:
-    """The full horizontal field of view in radians, or the default."""
+    """Full horizontal field of view in radians: the option's, or the default."""
     return FIELD_OF_VIEW if options.fov is None else math.radians(options.fov)
 
 
 def fov_note(path: Path, options: CaptureOptions) -> dict[str, str]:
-    """What is told where nobody gave the field of view."""
-    effect = "that of a 50 mm lens on 36 mm of film, for nothing else is said; --fov DEGREES for another one"
+    """A note on the default field of view."""
+    effect = "the default, that of a 50 mm lens on 36 mm of film; use --fov DEGREES for another one"
     return note(path, f"field of view of {math.degrees(fov_of(options)):.1f} degrees", effect)
 
 
 def shape_notes(path: Path, own: tuple[int, int], size: tuple[int, int]) -> list[dict[str, str]]:
-    """A note where a hologram of another shape does not show all of a picture of `own` width and height."""
-    if abs(size[0] * own[1] / (size[1] * own[0]) - 1) <= ANOTHER_SHAPE:
+    """A note, if a hologram of width and height `size` does not show all of a picture of width and height `own`."""
+    if abs(size[0] * own[1] / (size[1] * own[0]) - 1) <= ASPECT_TOLERANCE:
         return []
     effect = (
-        f"the hologram's {size[0]} x {size[1]} have another shape: the width of the view is kept; leave out "
-        "--resolution and --display to see all"
+        f"the hologram's {size[0]} x {size[1]} have another aspect: the width of the view stays; omit --resolution "
+        "and --display to see all"
     )
     return [note(path, f"{own[0]} x {own[1]} pixels", effect)]
 
 
 def note(path: Path, feature: str, effect: str) -> dict[str, str]:
-    """What is told of a file."""
+    """A note on a file, for reports."""
     return {"object": path.name, "feature": feature, "effect": effect, "material": ""}

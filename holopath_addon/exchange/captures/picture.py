@@ -1,4 +1,4 @@
-"""A picture with a depth for each pixel, as a scene."""
+"""Scenes of a picture with a depth for each pixel."""
 
 from __future__ import annotations
 
@@ -23,8 +23,13 @@ class PictureFile:
     Parameters
     ----------
     path : Path
-        The picture; see `PICTURES`.
+        The picture; its suffix is one of `PICTURES`.
     options : CaptureOptions
+
+    Raises
+    ------
+    InvalidInput
+        If a required option is missing, or an option does not apply.
     """
 
     def __init__(self, path: Path, options: CaptureOptions) -> None:
@@ -32,28 +37,28 @@ class PictureFile:
         refuse(options, ("axes", "point_radius"), f"{path} is a picture, not a .ply")
         if options.depth is None:
             raise InvalidInput(
-                f"{path} is a picture without depth: add --depth FILE and --depth-unit, or end the name of a quilt "
-                "with its layout, as _qs8x6a0.75."
+                f"{path} is a picture without depth. Add --depth FILE and --depth-unit, or end the name of a quilt "
+                "with its layout, such as _qs8x6a0.75."
             )
         self.depth_path = Path(options.depth)
         if not self.depth_path.is_file():
-            raise InvalidInput(f"The depth {options.depth} does not exist: give a file that does.")
+            raise InvalidInput(f"The depth {options.depth} does not exist. Give another file.")
         if self.depth_path.suffix.lower() not in DEPTHS:
-            raise InvalidInput(f"The depth {options.depth} must end on one of {', '.join(DEPTHS)}.")
+            raise InvalidInput(f"Expected a depth of {', '.join(DEPTHS)}, got {options.depth}.")
         if options.depth_unit not in UNITS:
             raise InvalidInput(
-                f"{options.depth} does not say what its numbers are: add --depth-unit with {UNIT_WORDS}."
+                f"The unit of the depths in {options.depth} is unknown. Add --depth-unit with {UNIT_WORDS}."
             )
         if (options.depth_unit == "inverse") != (options.depth_ends is not None):
             raise InvalidInput(
-                "--depth-unit inverse needs --depth-ends FAR,NEAR, in meters, and no other unit has them: give both or "
+                "--depth-unit inverse needs --depth-ends FAR,NEAR, in meters, and no other unit has them. Give both or "
                 "neither."
             )
         check_fov(options)
 
     @property
     def files(self) -> dict[str, Path]:
-        """Paths by names."""
+        """Paths of the files by role."""
         return {"picture": self.path, "depth": self.depth_path}
 
     @property
@@ -63,7 +68,7 @@ class PictureFile:
 
     @property
     def size_from(self) -> str:
-        """Where the size is from, as words."""
+        """Source of the size, for messages."""
         return f"the picture {self.path.name}"
 
     @cached_property
@@ -93,48 +98,62 @@ class PictureFile:
         return depth / _lengths(self.size, fov) if self._options.depth_along == "ray" else depth
 
     def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
-        """Make the scene, for a hologram of `size` pixels.
+        """Build the scene.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height of the hologram in pixels.
+        camera : None
+            A picture has only one camera.
 
         Raises
         ------
         InvalidInput
-            As of `depth`, or if a `camera` is named.
+            See `depth`; or if a `camera` is given.
         """
         if camera is not None:
-            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
+            raise InvalidInput(f"{self.path} has no camera '{camera}'. Omit --camera.")
         fov = fov_of(self._options)
         depth = self.depth(fov)
         notes = [fov_note(self.path, self._options)] if self._options.fov is None else []
         notes += shape_notes(self.path, self.size, size)
-        image, depth, (kept, _) = reduced(self.image, depth, size)
+        image, depth, (fraction, _) = downsample(self.image, depth, size)
         try:
-            scene, viewer = picture_scene(image, depth, 2 * math.atan(kept * math.tan(fov / 2)))
+            scene, viewer = picture_scene(image, depth, 2 * math.atan(fraction * math.tan(fov / 2)))
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}, {self.depth_path}: {error}") from None
         return CapturedScene(scene, viewer, notes)
 
 
 def _lengths(size, fov):
-    """Of the line of sight through each pixel's center, to depth 1."""
+    """Length of the line of sight through each pixel's center to depth 1."""
     pixel = 2 * math.tan(fov / 2) / size[0]
     across, down = ((np.arange(side) - 0.5 * (side - 1)) * pixel for side in size)
     return np.sqrt(1 + across**2 + down[:, None] ** 2)
 
 
-def reduced(
+def downsample(
     image: np.ndarray, depth: np.ndarray, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-    """Make a picture with depth smaller, if along both sides it has twice the pixels of a hologram of `size`, or more.
+    """Downsample a picture with depth that has at least twice a hologram's pixels along both sides.
 
-    Blocks of pixels become one, with the mean of their colors and the median of their depths, the nearer one of two.
-    What is over at the borders is left out.
+    Blocks become pixels with the mean of the colors and the median of the depths, the nearer one of two. Remaining
+    pixels at the borders are cropped.
+
+    Parameters
+    ----------
+    image : numpy.ndarray, shape (y, x, 3)
+    depth : numpy.ndarray, shape (y, x)
+    size : (int, int)
+        Width and height of the hologram in pixels.
 
     Returns
     -------
     image : numpy.ndarray, shape (y, x, 3)
     depth : numpy.ndarray, shape (y, x)
-    kept : (float, float)
-        Fractions of width and height.
+    fractions : (float, float)
+        Fractions of width and height that are not cropped.
     """
     block = min(image.shape[1] // size[0], image.shape[0] // size[1])
     if block < 2:
@@ -148,5 +167,5 @@ def reduced(
     image = image[inner].reshape(rows, block, columns, block, 3).mean((1, 3))
     blocks = depth[inner].reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows, columns, -1)
     middle = (block**2 - 1) // 2
-    kept = columns * block / width, rows * block / height
-    return image, np.partition(blocks, middle, axis=-1)[..., middle], kept
+    fractions = columns * block / width, rows * block / height
+    return image, np.partition(blocks, middle, axis=-1)[..., middle], fractions

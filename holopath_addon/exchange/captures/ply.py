@@ -1,4 +1,4 @@
-"""Vertices of PLY files."""
+"""Reader of the vertices of PLY files."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ MAX_HEADER = 1 << 16  # bytes of a PLY file's header
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read the vertices of a PLY file, of text or binary.
+    """Read the vertices of a PLY file, ASCII or binary.
 
     Returns
     -------
     points : numpy.ndarray, float64, shape (point, 3)
     colors : numpy.ndarray, float32, shape (point, 3)
-        Linear RGB: whole numbers are decoded as sRGB, floating-point ones are taken as they are.
+        Linear RGB: integers are decoded from sRGB, floats are linear already.
 
     Raises
     ------
     InvalidInput
-        If it cannot be read, has faces, or its vertices have no colors.
+        If the file cannot be read, has faces, or its vertices have no colors.
     """
     try:
         with open(path, "rb") as file:
@@ -44,19 +44,19 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InvalidInput(f"{path} cannot be read as a PLY file ({reason}): give another file.") from None
-    places = np.stack([vertices[name].astype(np.float64) for name in "xyz"], -1)
+        raise InvalidInput(f"{path} cannot be read as a PLY file ({reason}). Give another file.") from None
+    points = np.stack([vertices[name].astype(np.float64) for name in "xyz"], -1)
     channels = [vertices[name] for name in ("red", "green", "blue")]
     colors = np.stack([channel.astype(np.float32) for channel in channels], -1)
     if channels[0].dtype.kind in "iu":
         colors = linear(colors / np.float32(np.iinfo(channels[0].dtype).max))
-    return places, colors
+    return points, colors
 
 
 def _ply_header(file):
-    """Byte order, and the elements in order: name, count and properties, which are names with types, None of a list."""
+    """Byte order, and the elements in order: name, count, and properties as names and types, None for lists."""
     if file.readline(8).strip() != b"ply":
-        raise ValueError("it does not begin with the line ply")
+        raise ValueError("it does not start with the line ply")
     order, elements, size = None, [], 0
     while True:
         line = file.readline(MAX_HEADER)
@@ -82,13 +82,15 @@ def _ply_vertices(path, file, order, elements):
     counts = {name: count for name, count, _ in elements}
     if counts.get("face"):
         raise InvalidInput(
-            f"{path} has faces: leave them out to show its points, or make it a shape of type ply of a Mitsuba .xml to "
+            f"{path} has faces. Remove them to show its points, or use it as a shape of type ply in a Mitsuba .xml to "
             "show its surface."
         )
     if not counts.get("vertex"):
-        raise InvalidInput(f"{path} has no vertices: give a PLY file with points.")
+        raise InvalidInput(f"{path} has no vertices. Give a PLY file with points.")
     if counts["vertex"] > MAX_POINTS:
-        raise InvalidInput(f"{path} has {counts['vertex']} points: thin them out to {MAX_POINTS} at most.")
+        raise InvalidInput(
+            f"Expected at most {MAX_POINTS} points, got {counts['vertex']} in {path}. Thin them out."
+        )
     for name, count, properties in elements:
         lists = any(kind is None for _, kind in properties)
         if name == "vertex":
@@ -104,7 +106,7 @@ def _ply_vertices(path, file, order, elements):
     missing = [each for each in ("x", "y", "z", "red", "green", "blue") if each not in names]
     if missing:
         raise InvalidInput(
-            f"{path} has no {', '.join(missing)} of its vertices: give points with the properties x, y, z, red, green "
+            f"The vertices of {path} have no {', '.join(missing)}. Give points with the properties x, y, z, red, green "
             "and blue."
         )
     if lists:

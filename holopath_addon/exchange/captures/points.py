@@ -1,4 +1,4 @@
-"""A point cloud with a color for each point, as a scene."""
+"""Scenes of a point cloud with a color for each point."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 POINTS = (".ply",)
-# Axes of a point cloud as the viewer's right, up and back: rows of what turns its points into view.
+# Directions of the viewer's right, up and back in the point cloud: rows of the rotation to the view.
 AXES = {
     "y-up": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "y-down": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
     "z-up": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
 }
 AXES_WORDS = (
-    "y-up (seen along -z, as in glTF), y-down (along +z, as cameras of OpenCV and COLMAP have it), or z-up (along +y, "
-    "as in Blender)"
+    "y-up (view along -z, as in glTF), y-down (+z, as in OpenCV and COLMAP), or z-up (+y, as in Blender)"
 )
 
 
@@ -33,8 +32,13 @@ class PointFile:
     Parameters
     ----------
     path : Path
-        A .ply.
+        A .ply file.
     options : CaptureOptions
+
+    Raises
+    ------
+    InvalidInput
+        If a required option is missing, or an option does not apply.
     """
 
     size, size_from = (512, 512), "HoloPath's default"
@@ -47,16 +51,23 @@ class PointFile:
             f"{path} is a point cloud, not a picture",
         )
         if options.axes not in AXES:
-            raise InvalidInput(f"{path} does not say how its axes lie: add --axes with {AXES_WORDS}.")
+            raise InvalidInput(f"The axes of {path} are unknown. Add --axes with {AXES_WORDS}.")
         check_fov(options)
 
     @property
     def files(self) -> dict[str, Path]:
-        """Paths by names."""
+        """Paths of the files by role."""
         return {"points": self.path}
 
     def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
-        """Make the scene, for a hologram of `size` pixels; `camera` is `front`, which is the default, or `origin`.
+        """Build the scene.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height of the hologram in pixels.
+        camera : str, optional
+            ``front``, the default, or ``origin``.
 
         Raises
         ------
@@ -67,18 +78,18 @@ class PointFile:
         camera = camera or VIEWERS[0]
         if camera not in VIEWERS:
             raise InvalidInput(
-                f"{self.path} has no camera '{camera}': choose --camera front, before all points, or --camera origin."
+                f"{self.path} has no camera '{camera}'. Choose --camera front, before all points, or --camera origin."
             )
-        places, colors = read_points(self.path)
+        points, colors = read_points(self.path)
         notes = [fov_note(self.path, options)] if options.fov is None else []
-        there = np.isfinite(places).all(1) & np.isfinite(colors).all(1)
-        if not there.all():
-            count = np.count_nonzero(~there)
-            notes.append(note(self.path, f"{count} points that are not finite numbers", "left out"))
-        places = places[there] @ np.array(AXES[options.axes or ""], float).T
+        finite = np.isfinite(points).all(1) & np.isfinite(colors).all(1)
+        if not finite.all():
+            count = np.count_nonzero(~finite)
+            notes.append(note(self.path, f"{count} points that are not finite numbers", "omitted"))
+        points = points[finite] @ np.array(AXES[options.axes or ""], float).T
         try:
             scene, viewer = point_scene(
-                places, colors[there], options.point_radius, fov_of(options), size[0] / size[1], camera
+                points, colors[finite], options.point_radius, fov_of(options), size[0] / size[1], camera
             )
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}: {error}") from None

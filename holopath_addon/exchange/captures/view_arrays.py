@@ -1,4 +1,4 @@
-"""Arrays of views in NumPy's files."""
+"""Reader of views in NumPy files."""
 
 from __future__ import annotations
 
@@ -13,22 +13,19 @@ from .pixels import MAX_PIXELS, linear
 if TYPE_CHECKING:
     from pathlib import Path
 
-_NUMBERED = re.compile(
-    r"(.*?)(\d+)(?:[_,. -](\d+))?"
-)  # what names have in common, then row and column, or column
-MAX_NAMES = 6  # in a sentence
+_NUMBERS = re.compile(r"(.*?)(\d+)(?:[_,. -](\d+))?")  # a prefix, then row and column, or column
+MAX_NAMES = 6  # in a message
 
 
 def read_views(path: Path) -> np.ndarray:
-    """Read views of an array, or of one array each.
+    """Read views from one array, or from an array for each view.
 
     Parameters
     ----------
     path : Path
-        An .npy of the shape (view, y, x, 3), from the left to the right, or (view row, view column, y, x, 3), from the
-        top left; an .npz with one such array; or an .npz with an array (y, x, 3) for each view, whose names are alike
-        but for the view's number, or its row and column, at their ends. Whole numbers are sRGB, floating-point numbers
-        are linear.
+        An .npy of the shape (view, y, x, 3), from left to right, or (view row, view column, y, x, 3), from the top
+        left; an .npz with one such array; or an .npz with an array (y, x, 3) for each view, whose names differ only in
+        the view's number, or its row and column, at the end. Integers are sRGB, floats are linear.
 
     Returns
     -------
@@ -38,26 +35,26 @@ def read_views(path: Path) -> np.ndarray:
     Raises
     ------
     InvalidInput
-        If it cannot be read, has another shape, or does not say the order of its views.
+        If the file cannot be read, has another shape, or an unclear order of views.
     """
     try:
-        array = _of_archive(path) if path.suffix.lower() == ".npz" else _checked(_mapped(path))
+        array = _of_archive(path) if path.suffix.lower() == ".npz" else _check(_map(path))
         views = np.array(array, np.float32)
     except InvalidInput:
         raise
-    except Exception as error:  # there is no end to what a file may hold
+    except Exception as error:  # a file may hold anything
         reason = " ".join(str(error).split())[:200]
-        raise InvalidInput(f"{path} cannot be read as views ({reason}): give another file.") from None
+        raise InvalidInput(f"{path} cannot be read as views ({reason}). Give another file.") from None
     if array.dtype.kind == "u":
         views = linear(views / np.float32(np.iinfo(array.dtype).max)).astype(np.float32)
     return views.reshape(-1, *views.shape[-4:])
 
 
-def _mapped(path):
+def _map(path):
     return np.load(path, allow_pickle=False, mmap_mode="r")
 
 
-def _checked(array):
+def _check(array):
     if array.ndim not in (4, 5) or array.shape[-1] != 3 or not array.size:
         raise ValueError(
             f"it has the shape {array.shape} instead of (view, y, x, 3) or (view row, view column, y, x, 3)"
@@ -70,7 +67,7 @@ def _checked(array):
 
 
 def _of_archive(path):
-    """The only array of views of an archive, or its arrays of a view each as one."""
+    """The only array of views in an archive, or its arrays of single views as one."""
     with np.load(path, allow_pickle=False) as file:
         if sum(part.file_size for part in file.zip.infolist()) > 8 * 3 * MAX_PIXELS + (1 << 20):
             raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
@@ -78,31 +75,31 @@ def _of_archive(path):
     arrays = {name: array for name, array in arrays.items() if array.ndim >= 3 and array.shape[-1] == 3}
     whole = [array for array in arrays.values() if array.ndim > 3]
     if len(arrays) == 1 and whole:
-        return _checked(whole[0])
+        return _check(whole[0])
     if not arrays or whole:
         raise InvalidInput(
-            f"{path} holds {len(arrays)} arrays that can be views ({_listed(arrays)}): write one of the shape "
+            f"{path} has {len(arrays)} arrays that can be views ({_enumerate(arrays)}). Write one of the shape "
             "(view, y, x, 3) or (view row, view column, y, x, 3), or one of (y, x, 3) for each view."
         )
     if len({(array.shape, array.dtype) for array in arrays.values()}) > 1:
         raise InvalidInput(
-            f"{path} has views of different sizes or types ({_listed(arrays)}): write all alike."
+            f"{path} has views of different sizes or types ({_enumerate(arrays)}). Write all alike."
         )
     places = _places(path, arrays)
     rows, columns = (max(place[axis] for place in places) + 1 for axis in (0, 1))
     first = next(iter(arrays.values()))
-    stacked = np.empty((rows, columns, *first.shape), first.dtype)
+    views = np.empty((rows, columns, *first.shape), first.dtype)
     for place, array in zip(places, arrays.values(), strict=True):
-        stacked[place] = array
-    return _checked(stacked)
+        views[place] = array
+    return _check(views)
 
 
 def _places(path, arrays):
     """Row and column of each view, from 0."""
-    found = [_NUMBERED.fullmatch(name) for name in arrays]
-    alike = all(found) and len({(each[1], each[3] is None) for each in found if each}) == 1
+    matches = [_NUMBERS.fullmatch(name) for name in arrays]
+    alike = all(matches) and len({(each[1], each[3] is None) for each in matches if each}) == 1
     numbers = (
-        [(int(each[2]), int(each[3])) if each[3] else (0, int(each[2])) for each in found if each]
+        [(int(each[2]), int(each[3])) if each[3] else (0, int(each[2])) for each in matches if each]
         if alike
         else []
     )
@@ -111,12 +108,12 @@ def _places(path, arrays):
     count = (max(row for row, _ in places) + 1) * (max(column for _, column in places) + 1) if places else 0
     if not count == len(set(places)) == len(arrays):
         raise InvalidInput(
-            f"The names of the arrays of {path} ({_listed(arrays)}) do not say the order of the views: number them "
-            "from the left to the right as view_0, view_1, or by row and column as view_0_0, view_0_1, without a gap."
+            f"The names of the arrays of {path} ({_enumerate(arrays)}) do not define the order of the views. Number "
+            "them from left to right as view_0, view_1, or by row and column as view_0_0, view_0_1, without a gap."
         )
     return places
 
 
-def _listed(arrays):
+def _enumerate(arrays):
     names = ", ".join(list(arrays)[:MAX_NAMES])
     return names + (", ..." if len(arrays) > MAX_NAMES else "")

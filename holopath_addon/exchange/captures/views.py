@@ -1,4 +1,4 @@
-"""Views from a row or a grid of viewpoints, as a scene."""
+"""Scenes of views from a row or a grid of viewpoints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 VIEWS = (".npy", ".npz")  # besides quilts, which are pictures
-# End of a quilt's name, as Looking Glass displays read it: columns, rows, and the width of a view over its height.
+# End of a quilt's name for Looking Glass displays: columns, rows, and a view's width over its height.
 QUILT = re.compile(r"_qs([1-9]\d*)x([1-9]\d*)a(\d+(?:\.\d+)?)$")
 
 
@@ -29,8 +29,13 @@ class ViewFile:
     Parameters
     ----------
     path : Path
-        A picture whose name ends as `QUILT`, or arrays as `read_views` reads them.
+        A picture whose name ends like `QUILT`, or arrays for `read_views`.
     options : CaptureOptions
+
+    Raises
+    ------
+    InvalidInput
+        If a required option is missing, or an option does not apply.
     """
 
     def __init__(self, path: Path, options: CaptureOptions) -> None:
@@ -38,30 +43,30 @@ class ViewFile:
         refuse(
             options,
             ("depth", "depth_unit", "depth_ends", "depth_along", "axes", "point_radius"),
-            f"{path} holds views, without depth",
+            f"{path} has views, without depth",
         )
-        self._over = 0, 0  # columns of pixels at the right and rows at the top that no view has
+        self._surplus = 0, 0  # columns of pixels at the right and rows at the top that belong to no view
         self._layout = QUILT.search(path.stem)
         if self._layout is None and path.suffix.lower() not in VIEWS:
             raise InvalidInput(
-                f"{path} does not say how its views lie: end its name with columns, rows and the width of a view over "
-                "its height, as quilt_qs8x6a0.75.png, or leave out --view-span, --view-focus and --view-panel."
+                f"The layout of the views in {path} is unknown. End its name with columns, rows and a view's width "
+                "over its height, such as quilt_qs8x6a0.75.png, or omit --view-span, --view-focus and --view-panel."
             )
         if options.view_span is None or options.view_focus is None:
             raise InvalidInput(
-                f"{path} does not say where its views were seen from: add --view-span with the meters from the first "
-                "view to the last, and --view-focus with the distance at which all views agree."
+                f"The viewpoints of {path} are unknown. Add --view-span with the meters from the first viewpoint to "
+                "the last, and --view-focus with the distance at which all views agree."
             )
         if options.view_focus == math.inf and options.view_panel is None:
             raise InvalidInput(
-                f"{path} has views that agree at infinity: add --view-panel with a distance in the middle of what they "
-                "show, at which it is sharpest."
+                f"{path} has views that agree at infinity. Add --view-panel with a distance in the middle of the "
+                "scene, at which it is sharpest."
             )
         check_fov(options)
 
     @property
     def files(self) -> dict[str, Path]:
-        """Paths by names."""
+        """Paths of the files by role."""
         return {"views": self.path}
 
     @property
@@ -72,7 +77,7 @@ class ViewFile:
 
     @property
     def size_from(self) -> str:
-        """Where the size is from, as words."""
+        """Source of the size, for messages."""
         return f"a view of {self.path.name}"
 
     @property
@@ -96,52 +101,59 @@ class ViewFile:
         height, width = (side // count for side, count in zip(image.shape[:2], (rows, columns), strict=True))
         if not (height and width and aspect):
             raise InvalidInput(
-                f"{self.path} has {image.shape[1]} x {image.shape[0]} pixels, which are not {columns} x {rows} views: "
-                "correct its name."
+                f"{self.path} has {image.shape[1]} x {image.shape[0]} pixels, which cannot be {columns} x {rows} "
+                "views. Correct its name."
             )
-        # As Looking Glass's shader cuts it, from the lower left: HoloPlayShaders.h of its LookingGlassCoreSDK, by the
-        # sizes that Toolkit-API/Device/QuiltSettings.cs of its LKG-Toolkit finds.
-        self._over = image.shape[1] % columns, image.shape[0] % rows
-        image = image[self._over[1] :, : columns * width]
-        cut = image.reshape(rows, height, columns, width, 3).swapaxes(1, 2)
-        return cut[::-1].reshape(1, -1, *cut.shape[2:])  # the first view is at the lower left
+        # The layout of Looking Glass's shader, from the lower left: HoloPlayShaders.h of its LookingGlassCoreSDK, with
+        # the sizes of Toolkit-API/Device/QuiltSettings.cs of its LKG-Toolkit.
+        self._surplus = image.shape[1] % columns, image.shape[0] % rows
+        image = image[self._surplus[1] :, : columns * width]
+        grid = image.reshape(rows, height, columns, width, 3).swapaxes(1, 2)
+        return grid[::-1].reshape(1, -1, *grid.shape[2:])  # the first view is at the lower left
 
-    def _left_out(self):
-        """A note where a quilt's pixels are no whole number of views; after `views`."""
-        right, top = self._over
+    def _surplus_notes(self):
+        """A note on surplus pixels of a quilt; known after `views`."""
+        right, top = self._surplus
         if not (right or top):
             return []
         height, width = self.views.shape[2:4]
         effect = (
-            f"each has {width} x {height} pixels, from the lower left, as Looking Glass displays take them: {right} at "
-            f"the right and {top} at the top of the picture are left out"
+            f"each has {width} x {height} pixels, from the lower left, as on Looking Glass displays: {right} at the "
+            f"right and {top} at the top of the picture are omitted"
         )
         return [note(self.path, "a picture that its views do not fill", effect)]
 
     def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
-        """Make the scene, for a hologram of `size` pixels.
+        """Build the scene.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height of the hologram in pixels.
+        camera : None
+            Views have only one camera.
 
         Raises
         ------
         InvalidInput
-            As of `views`, if the span is not of such views, or if a `camera` is named.
+            See `views`; or if the span does not fit the views, or a `camera` is given.
         """
         options, views = self._options, self.views
         if camera is not None:
-            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
+            raise InvalidInput(f"{self.path} has no camera '{camera}'. Omit --camera.")
         rows, columns = views.shape[:2]
-        span, needed = tuple(options.view_span or ()), 2 if rows > 1 and columns > 1 else 1
-        if len(span) != needed:
+        span, count = tuple(options.view_span or ()), 2 if rows > 1 and columns > 1 else 1
+        if len(span) != count:
             raise InvalidInput(
-                f"{self.path} has {columns} x {rows} views: give {needed} number{'s' if needed > 1 else ''} with "
-                f"--view-span, {'RIGHT,DOWN' if needed > 1 else 'from the first view to the last'}, not {len(span)}."
+                f"Expected {count} number{'s' if count > 1 else ''} for --view-span of {columns} x {rows} views in "
+                f"{self.path}, {'RIGHT,DOWN' if count > 1 else 'from the first view to the last'}, got {len(span)}."
             )
-        if needed == 1:
+        if count == 1:
             span = (0.0, *span) if columns == 1 else (*span, 0.0)
         notes = [fov_note(self.path, options)] if options.fov is None else []
-        notes += self._left_out() + shape_notes(self.path, self.size, size)
+        notes += self._surplus_notes() + shape_notes(self.path, self.size, size)
         if rows == 1 or columns == 1:
-            effect = "no parallax across the row: before and behind the panel lines along it stay focused on the panel"
+            effect = "no parallax across the row: lines along it stay focused on the panel, even before and behind it"
             notes.append(note(self.path, "one row of views", effect))
         try:
             scene, viewer = view_scene(

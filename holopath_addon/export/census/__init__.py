@@ -1,4 +1,4 @@
-"""The census of what Blender can say: what becomes of each property, and the notes that follow from it."""
+"""The census of Blender's properties: the effect of each one on a hologram, and notes on it."""
 
 from .table import CARRIED, NOTED, WITHOUT, add_notes, row_of, section_of, sections
 

@@ -1,4 +1,4 @@
-"""The census: what becomes of each property of Blender's types that Cycles could read; its table is `table.toml`."""
+"""The table of the census, `table.toml`: the effect of each property of Blender's types that Cycles could read."""
 
 import re
 import tomllib
@@ -26,17 +26,17 @@ class Name:
     until: tuple = (99, 0)
 
     def matches(self, name):
-        """Whether `name` is one of these."""
+        """Whether a name matches."""
         return fnmatchcase(name, self.pattern)
 
     def expected(self, version):
-        """Whether a Blender of this version (a tuple) should have it."""
+        """Whether a Blender of a version (a tuple) should have the property."""
         return self.since <= tuple(version[:2]) < self.until
 
 
 @dataclass(frozen=True)
 class Row:
-    """Properties that share their fate.
+    """Properties with the same effect.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Section:
 
 @cache
 def sections():
-    """All of the table, a tuple of `Section`."""
+    """All sections of the table."""
     table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
     reasons, nodes = table.pop("reasons"), table.pop("nodes")
     return tuple(
@@ -131,7 +131,7 @@ def row_of(type_name, property_name):
 
 
 def add_notes(struct, owner, notes):
-    """Add the notes that the table has an effect for, on what of a structure is not at its default.
+    """Add the table's notes on properties of a structure that are not at their default.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ _checks = {}  # by the type's name, what `add_notes` looks at: row, property and
 
 
 def _counts(value, default, when):
-    """Whether a value that is not the default is one that a row is for, see `table.toml`."""
+    """Whether a row applies to a value that is not the default, see `table.toml`."""
     return not when or (
         value > default if when == "more" else value < default and (when == "less" or value > 0)
     )

@@ -1,1 +1,1 @@
-"""What shader nodes mean: materials and textures, read where Mitsuba has them, and baked by Cycles where not."""
+"""Materials and textures of shader nodes: read where Mitsuba has the same, otherwise baked by Cycles."""

@@ -1,4 +1,4 @@
-"""What shader nodes compute, as pictures: Cycles evaluates them, so every node means what it means in Blender.
+"""Baking of shader nodes to pictures: Cycles evaluates them, so every node works as in Blender.
 
 Everything is made in a scene of its own that is removed afterwards. Blender's data may only be changed on the
 main thread: so does everything here.
@@ -43,14 +43,14 @@ _DEFORMING = {
     *("SIMPLE_DEFORM", "SMOOTH", "SOFT_BODY", "SURFACE_DEFORM", "WARP", "WAVE"),
 }
 
-COLOUR, NUMBER, NORMAL, EMISSION = "colour", "number", "normal", "emission"
+COLOR, NUMBER, NORMAL, EMISSION = "color", "number", "normal", "emission"
 
 
 ELSEWHERE = "Blender's data may not be changed while it renders (F12): use Render Hologram in the sidebar"
 
 
 class BakingFailed(Exception):
-    """Cycles could not do it; the message says why."""
+    """Raised where Cycles cannot bake; the text is the reason."""
 
 
 def possible():
@@ -60,7 +60,7 @@ def possible():
 
 @dataclass
 class Output:
-    """One socket to be evaluated over a surface.
+    """A socket to be evaluated over a surface.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Output:
         The input socket whose value is wanted. None for the normals of the material's displacement alone, and for
         emission.
     kind : str
-        ``COLOUR``; ``NUMBER``; ``NORMAL``, the direction in the frame of the shading normal and the atlas' u,
+        ``COLOR``; ``NUMBER``; ``NORMAL``, the direction in the frame of the shading normal and the atlas' u,
         halved and shifted to 0 ... 1 as in a tangent-space normal map; or ``EMISSION``, all that the material emits.
     """
 
@@ -150,7 +150,7 @@ class Flat:
         work = bmesh.new()
         try:
             work.from_mesh(self.mesh)
-            # the way Blender's renderers do it: other diagonals interpolate UVs and colours differently
+            # the way Blender's renderers do it: other diagonals interpolate UVs and colors differently
             bmesh.ops.triangulate(work, faces=work.faces[:], quad_method="FIXED", ngon_method="EAR_CLIP")
             work.to_mesh(self.mesh)
         finally:
@@ -174,13 +174,13 @@ class Flat:
             undeformed = _vectors(source, "vertices", "co")
             if np.allclose(points, undeformed, rtol=0, atol=1e-6 * np.abs(points).max(initial=0)):
                 return False
-        centre, half = np.array(data.texspace_location), np.array(data.texspace_size)
+        center, half = np.array(data.texspace_location), np.array(data.texspace_size)
         half[half == 0] = 1
-        self._attribute(_GENERATED, "POINT", (undeformed - centre) / (2 * half) + 0.5)
+        self._attribute(_GENERATED, "POINT", (undeformed - center) / (2 * half) + 0.5)
         return True
 
     def _has_other_vertices(self, evaluated):
-        """Whether modifiers made other vertices than the object's own mesh has."""
+        """Whether modifiers changed the vertices of the object's own mesh."""
         source = self.original.data
         return (
             self.original.type == "MESH"
@@ -199,9 +199,9 @@ class Flat:
         source, points = self.original.data, self._undeformed()
         if len(points) != len(self.mesh.vertices):
             return False
-        centre, half = np.array(source.texspace_location), np.array(source.texspace_size)
+        center, half = np.array(source.texspace_location), np.array(source.texspace_size)
         half[half == 0] = 1
-        self._attribute(_GENERATED, "POINT", (points - centre) / (2 * half) + 0.5)
+        self._attribute(_GENERATED, "POINT", (points - center) / (2 * half) + 0.5)
         return True
 
     def _undeformed(self):
@@ -230,7 +230,7 @@ class Flat:
         attribute.data.foreach_set("vector", np.ascontiguousarray(vectors, np.float32).ravel())
 
     def remove(self):
-        """Take the copy out of the file again."""
+        """Remove the copy from the file."""
         bpy.data.meshes.remove(self.mesh)
 
 
@@ -280,7 +280,7 @@ def bake_surface(flat, slots, frame):
         thing = studio.object(flat)
         image = studio.image(*flat.size)
         samples = int(np.clip(SAMPLES / (flat.size[0] * flat.size[1]), 1, 16))
-        looks = [_Evaluated(studio, material, outputs, image, flat) for material, outputs in slots]
+        looks = [_MaterialCopy(studio, material, outputs, image, flat) for material, outputs in slots]
         for number, look in enumerate(looks):
             if number < len(flat.mesh.materials):
                 flat.mesh.materials[number] = look.material
@@ -294,8 +294,8 @@ def bake_surface(flat, slots, frame):
         return [look.collect(pictures) for look in looks]
 
 
-class _Evaluated:
-    """A private copy of a material that emits what its sockets carry, one colour or three numbers a pass."""
+class _MaterialCopy:
+    """A private copy of a material that emits what its sockets carry, one color or three numbers a pass."""
 
     def __init__(self, studio, material, outputs, image, flat):
         if material is None or not outputs:
@@ -324,19 +324,19 @@ class _Evaluated:
         if material is not None:
             self.material.displacement_method = "BUMP"
         self.emission = tree.nodes.new("ShaderNodeEmission")
-        self.shown = [self._colour_of(chosen) for chosen in self.passes]
+        self.shown = [self._color_of(chosen) for chosen in self.passes]
         texture = tree.nodes.new("ShaderNodeTexImage")
         texture.image = image
         tree.nodes.active = texture
 
-    def _colour_of(self, chosen):
-        """Socket that carries a pass as a colour."""
+    def _color_of(self, chosen):
+        """Socket that carries a pass as a color."""
         output = self.outputs[chosen[0]]
         if output.kind == EMISSION:
             return None
         if output.kind == NORMAL:
             return self._tangent_space(output.pin)
-        if output.kind == COLOUR:
+        if output.kind == COLOR:
             return _expose(self.tree, output.pin)
         combine = self.tree.nodes.new("ShaderNodeCombineColor")
         for channel, k in zip(combine.inputs, chosen, strict=False):
@@ -381,15 +381,15 @@ class _Evaluated:
         """Emit the values of a pass."""
         if number >= len(self.shown):
             return
-        surface, colour = self.emission.outputs[0], self.shown[number]
-        if colour is None:
+        surface, color = self.emission.outputs[0], self.shown[number]
+        if color is None:
             surface = self.surface
         else:
-            self.tree.links.new(colour, self.emission.inputs["Color"])
+            self.tree.links.new(color, self.emission.inputs["Color"])
         self.tree.links.new(surface, self.target.inputs["Surface"])
 
     def collect(self, pictures):
-        """Each output's picture."""
+        """Collect the pictures of the outputs."""
         found = [None] * len(self.outputs)
         for picture, chosen in zip(pictures, self.passes, strict=False):
             for channel, k in enumerate(chosen):
@@ -409,8 +409,9 @@ def _own_groups(studio, tree):
 
 
 def _keep_alphas(original, tree):
-    """Have Cycles read those alphas in a copied tree that the original reads: it divides the color of an image by its
-    alpha where something reads that, though perhaps not what is baked.
+    """Make Cycles read the same alphas in a copied tree as in the original.
+
+    It divides the color of an image by its alpha if something reads the alpha, which may be lost by baking.
     """
     output = output_node(original)
     if output is None:
@@ -508,7 +509,7 @@ def _expose(tree, pin):
 
 
 def bake_world(world, width, height, frame):
-    """The world as seen from the origin.
+    """Bake the world around the origin.
 
     Parameters
     ----------
@@ -540,7 +541,7 @@ def bake_world(world, width, height, frame):
 
 
 def bake_lamp(light, width, height, frame):
-    """What a lamp's nodes make of its light, by direction.
+    """Bake the emission of a light's nodes by direction.
 
     Parameters
     ----------
@@ -569,8 +570,8 @@ def bake_lamp(light, width, height, frame):
         copy.use_nodes = False
         plain = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
         # of Blender's equirectangular longitudes, pi to -pi and bottom up, to 0 to 2 pi and top down
-        turned = (width // 2 - 1 - np.arange(width)) % width
-        return shone[::-1, turned, :3] / plain[..., :3].mean(dtype=float)
+        column_order = (width // 2 - 1 - np.arange(width)) % width
+        return shone[::-1, column_order, :3] / plain[..., :3].mean(dtype=float)
 
 
 def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
@@ -599,21 +600,21 @@ def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
 
 
 @contextlib.contextmanager
-def _silenced():
-    """Keep what Blender's C code prints about each bake out of our output."""
+def _silence():
+    """Suppress the output of Blender's C code about each bake."""
     sys.stdout.flush()
-    saved, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    stdout_copy, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, 1)
         yield
     finally:
-        os.dup2(saved, 1)
-        os.close(saved)
+        os.dup2(stdout_copy, 1)
+        os.close(stdout_copy)
         os.close(nothing)
 
 
 def busy():
-    """Whether something is being baked: what Blender evaluates then is not the user's doing."""
+    """Whether a bake runs: evaluations of Blender are not the user's changes then."""
     return bool(_Studio.open)
 
 
@@ -624,7 +625,7 @@ class _Studio:
 
     def __init__(self, frame):
         self._frame = frame
-        self._kept = []
+        self._blocks = []
 
     def __enter__(self):
         if not possible():
@@ -650,12 +651,12 @@ class _Studio:
 
     def __exit__(self, *_):
         bpy.data.scenes.remove(self.scene)
-        bpy.data.batch_remove(self._kept)
+        bpy.data.batch_remove(self._blocks)
         self.open.remove(self)
 
     def keep(self, block):
-        """Have a new data-block removed in the end."""
-        self._kept.append(block)
+        """Register a new data-block to be removed in the end."""
+        self._blocks.append(block)
         return block
 
     def image(self, width, height):
@@ -702,7 +703,7 @@ class _Studio:
             scene=self.scene, view_layer=layer, object=thing, active_object=thing, selected_objects=[thing]
         ):
             try:
-                with _silenced():
+                with _silence():
                     bpy.ops.object.bake(
                         type=kind,
                         pass_filter=set(filters),

@@ -1,19 +1,19 @@
-"""The colour of a black body, as Blender has it."""
+"""The color of a black body, as Blender has it."""
 
 from functools import cache
 
 import numpy as np
 
-COOLEST, HOTTEST = 800.0, 12000.0  # kelvin: Blender's colours stay the same beyond
-SECOND_RADIATION_CONSTANT = 1.438777e-2  # h c / k, metre kelvin
+COOLEST, HOTTEST = 800.0, 12000.0  # kelvin: Blender's colors stay the same beyond
+SECOND_RADIATION_CONSTANT = 1.438777e-2  # h c / k, meter kelvin
 # ITU-R BT.709 primaries, white D65
 RGB_OF_XYZ = np.array(
     [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875991, 0.041556], [0.055648, -0.204043, 1.057311]]
 )
 
 
-def blackbody_colour(kelvin):
-    """Linear RGB of luminance 1, shape (3,); colours out of gamut are cut to it.
+def blackbody_color(kelvin):
+    """Linear RGB of luminance 1, shape (3,); colors out of gamut are cut to it.
 
     Planck's law 1 / (w^5 (exp(c2 / (w T)) - 1)) seen by the CIE 1931 observer.
     """
@@ -26,9 +26,9 @@ def blackbody_colour(kelvin):
 
 @cache
 def _observer():
-    """Wavelengths in metres, and the CIE 1931 colour matching functions there, shape (3, n)."""
+    """Wavelengths in meters, and the CIE 1931 color matching functions there, shape (3, n)."""
     import mitsuba as mi
 
-    nanometres = np.arange(360.0, 831.0, 5.0)
-    matching = mi.cie1931_xyz(mi.Float(nanometres.astype(np.float32)))
-    return nanometres * 1e-9, np.stack([np.asarray(part, np.float64) for part in matching])
+    nanometers = np.arange(360.0, 831.0, 5.0)
+    matching = mi.cie1931_xyz(mi.Float(nanometers.astype(np.float32)))
+    return nanometers * 1e-9, np.stack([np.asarray(part, np.float64) for part in matching])

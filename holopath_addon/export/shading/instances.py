@@ -10,7 +10,7 @@ _NO_ID = 0x7FFFFFFF  # where Blender's persistent IDs have no further level
 
 @dataclass(frozen=True)
 class InstanceValues:
-    """What nodes read of the instance that they are on, as Cycles has it.
+    """Values of an instance that nodes read, as in Cycles.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ def values_of(instance, object, names):
 
 
 def _hash_of(name):
-    """What Object Info > Random of an object goes by: Cycles' `hash_uint2` (Jenkins' lookup3) of `hash_string`."""
+    """Hash behind Object Info > Random: Cycles' `hash_uint2` (Jenkins' lookup3) of `hash_string`."""
     text = 0
     for byte in name.encode("utf-8"):
         text = (37 * text + byte - 256 * (byte > 127)) & 0xFFFFFFFF  # of signed characters
@@ -116,7 +116,7 @@ def _as_rgba(name, value):
 
 
 def lacks_attributes(instance):
-    """Whether geometry nodes may have given an instance attributes of which this Blender does not tell."""
+    """Whether an instance may have attributes of geometry nodes that this Blender does not expose."""
     if not instance.is_instance or hasattr(bpy.types, "GeometrySet"):
         return False
     return any(modifier.type == "NODES" for modifier in instance.parent.modifiers)

@@ -19,8 +19,8 @@ from .textures import LUMINANCE, ImageValue, MaterialReading
 SMOOTH = 0.02
 # The same of a coat, so that Blender's default coat roughness of 0.03 is smooth.
 SMOOTH_COAT = 0.035
-LEAST_IOR = 0.1  # a texture or driver may give less
-LEAST_PRINCIPLED_IOR = 1e-5  # Cycles': it mirrors all
+MIN_IOR = 0.1  # a texture or driver may give less
+MIN_PRINCIPLED_IOR = 1e-5  # Cycles': it mirrors all
 
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _CLEAR = {"type": "null"}
@@ -32,13 +32,13 @@ _TWO_SIDED = {"null", "clear", "gloss", "glass", "sheen", "matt"}
 
 @dataclass
 class Appearance:
-    """What a shader node amounts to.
+    """Appearance of a shader node.
 
     Attributes
     ----------
     bsdf : dict or None
         Mitsuba BSDF; None reflects nothing.
-    emission : number, colour, ImageValue or None
+    emission : number, color, ImageValue or None
         Emitted radiance.
     transmissive : bool
         Whether light passes through: then the BSDF serves both sides, else the front only.
@@ -66,7 +66,7 @@ class ExportedMaterial:
     ----------
     name : str
     bsdf : mitsuba.BSDF
-    emission : number, colour, ImageValue or None
+    emission : number, color, ImageValue or None
         Radiance, None where nothing is emitted.
     uv_name : str or None
         UV map its textures read: None for the active one, "" if it reads none.
@@ -85,7 +85,7 @@ class ExportedMaterial:
     uv_name: str | None
     smooth: bool
     notes: Notes
-    wanted: dict
+    outputs: dict
 
 
 def export_material(material, textures, baked):
@@ -98,7 +98,7 @@ def export_material(material, textures, baked):
     textures : Textures
     baked : dict of textures.RawImage, or None
         What has been baked of its varying sockets on one object, by `textures.socket_key`, as
-        `ExportedMaterial.wanted` asks for; empty before that; None replaces by constants what would have to be baked.
+        `ExportedMaterial.outputs` asks for; empty before that; None replaces by constants what would have to be baked.
 
     Returns
     -------
@@ -113,13 +113,13 @@ def export_material(material, textures, baked):
         except RecursionError:
             notes.add(name, "Nodes linked in a circle", "shown in the default gray")
             look, uv_names = read_material(None, textures, notes)
-        if look.emission is not None and not np.any(textures.mean_colour(look.emission) > 0):
+        if look.emission is not None and not np.any(textures.mean_color(look.emission) > 0):
             look.emission = None
         if isinstance(look.emission, ImageValue):
             uv_names.append(look.emission.uv_name)
     if reading.incomplete:
         bsdf = made(_BLACK)
-        return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
+        return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.outputs)
     distinct = list(dict.fromkeys(uv_names))
     # what is baked can be read by its own alone
     uv_name = ATLAS if ATLAS in distinct else distinct[0] if distinct else ""
@@ -149,7 +149,7 @@ def read_material(material, textures, notes):
 
 
 class _ShaderReader:
-    """Turns one material's node tree into an `Appearance`."""
+    """Reader of a material's node tree, which makes an `Appearance`."""
 
     def __init__(self, material, textures, notes):
         self._name = "default material" if material is None else material.name
@@ -160,7 +160,7 @@ class _ShaderReader:
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
-        self._displaced = False
+        self._has_displacement = False
         self._emission_pressing = False  # emission of more than one texture
 
     # -- the material
@@ -179,8 +179,8 @@ class _ShaderReader:
             self._note("Volume", "ignored: clear")
             if first_link(output.inputs["Surface"]) is None:
                 return _clear()
-        self._displaced = first_link(output.inputs["Displacement"]) is not None
-        if self._displaced and self._material.displacement_method != "BUMP":
+        self._has_displacement = first_link(output.inputs["Displacement"]) is not None
+        if self._has_displacement and self._material.displacement_method != "BUMP":
             self._note("Displacement", "shown as bumps: the surface is not moved")
         self._textures.read_alphas(*(Pin(output.inputs[name]) for name in ("Surface", "Displacement")))
         look = self._linked_shader(Pin(output.inputs["Surface"]))
@@ -201,10 +201,10 @@ class _ShaderReader:
     def _viewport_look(self):
         """Materials without nodes: what the viewport shows, which Cycles renders too."""
         material = self._material
-        colour = tuple(material.diffuse_color)[:3]
+        color = tuple(material.diffuse_color)[:3]
         gloss = {"roughness": material.roughness}
-        look = self._over(Appearance(self._matt(colour)), Appearance(self._dielectric(1.5, _WHITE, gloss)))
-        return self._blend(look, self._metal(colour, _WHITE, gloss), material.metallic)
+        look = self._over(Appearance(self._matt(color)), Appearance(self._dielectric(1.5, _WHITE, gloss)))
+        return self._blend(look, self._metal(color, _WHITE, gloss), material.metallic)
 
     def _shader(self, source):
         node = source.node
@@ -222,7 +222,7 @@ class _ShaderReader:
         if look.bsdf is None or pin is None:
             return look
         if not follow(pin).socket.is_output:
-            if not self._displaced:
+            if not self._has_displacement:
                 return look
             pin = None
         normals = self._textures.normal(pin, self._name)
@@ -240,13 +240,13 @@ class _ShaderReader:
     # -- shader nodes
 
     def _read_BsdfPrincipled(self, node):
-        base = self._colour(node, "Base Color")
+        base = self._color(node, "Base Color")
         metallic = self._number(node, "Metallic", 0.0)
         transmission = self._number(node, "Transmission Weight", 0.0)
         gloss = self._microfacets(node, 0.5)
         gloss |= self._burley_anisotropy(node, "Anisotropic", "Anisotropic Rotation")
-        tint = self._textured(node, "Specular Tint", _WHITE)
-        ior = max(self._constant(node, "IOR", 1.5), LEAST_PRINCIPLED_IOR)
+        tint = self._texture_value(node, "Specular Tint", _WHITE)
+        ior = max(self._constant(node, "IOR", 1.5), MIN_PRINCIPLED_IOR)
         self._note_thin_film(node, "Principled ")
         if self._deviates(node, "Thin Wall", False):
             self._note("Principled Thin Wall", "ignored")
@@ -256,7 +256,7 @@ class _ShaderReader:
                 self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same color")
             f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
             if f0 > 0:
-                smooth = _at_most(gloss["roughness"], SMOOTH)
+                smooth = _limit(gloss["roughness"], SMOOTH)
                 eta = _eta(f0) if ior >= 1 else 1 / _eta(f0)
                 look = self._over(look, Appearance(self._dielectric(eta, tint, gloss), smooth=smooth))
         if transmission != 0 and metallic != 1:
@@ -268,18 +268,18 @@ class _ShaderReader:
         look.emission = self._emission(node, "Emission Color", "Emission Strength")
         coat = self._number(node, "Coat Weight", 0.0)
         if coat != 0:
-            look = self._coated(look, node, coat)
+            look = self._with_coat(look, node, coat)
         sheen = self._number(node, "Sheen Weight", 0.0)
         if sheen != 0:
             if look.emission is not None:
                 self._note("Emission under sheen", "as bright as without")
             fuzz = self._fuzz(
-                self._textured(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
+                self._texture_value(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
             )
             look = self._over(look, Appearance(fuzz), sheen)
         return self._blend(_clear(), self._bumpy(node, look), self._number(node, "Alpha", 1.0))
 
-    def _coated(self, look, node, weight):
+    def _with_coat(self, look, node, weight):
         """A Principled BSDF's coat over the rest of it."""
         import drjit as dr
         import mitsuba as mi
@@ -289,50 +289,50 @@ class _ShaderReader:
             self._note("Principled Coat Normal", "that of the rest of the surface")
         ior = max(self._constant(node, "Coat IOR", 1.5), 1.001)
         roughness = self._number(node, "Coat Roughness", 0.03)
-        if _at_most(roughness, SMOOTH_COAT):
+        if _limit(roughness, SMOOTH_COAT):
             roughness = 0.0
         coat = Appearance(
-            self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_at_most(roughness, SMOOTH)
+            self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_limit(roughness, SMOOTH)
         )
-        coated = self._over(look, coat, weight)
+        result = self._over(look, coat, weight)
         kept = 1 - np.full(3, dr.slice(mi.fresnel_diffuse_reflectance(ior)))
         if self._deviates(node, "Coat Tint", _WHITE):
-            tint = self._textured(node, "Coat Tint", _WHITE)
-            coated.bsdf |= {"tint": self._build(tint, limit=1), "int_ior": ior}
-            kept *= self._textures.mean_colour(tint)
+            tint = self._texture_value(node, "Coat Tint", _WHITE)
+            result.bsdf |= {"tint": self._build(tint, limit=1), "int_ior": ior}
+            kept *= self._textures.mean_color(tint)
         # the mean over all directions; Blender's emission is dimmed by what the coat reflects this way
         if isinstance(weight, ImageValue) and np.ptp(kept) == 0:
-            dimmed = self._product(look.emission, _rest(weight.scaled(1 - kept[0])))
+            emission_below = self._product(look.emission, _rest(weight.scaled(1 - kept[0])))
         else:
-            share = float(self._textures.mean_colour(weight).mean())
-            dimmed = _times(look.emission, 1 - share * (1 - kept))
-        return replace(coated, emission=dimmed)
+            share = float(self._textures.mean_color(weight).mean())
+            emission_below = _times(look.emission, 1 - share * (1 - kept))
+        return replace(result, emission=emission_below)
 
     def _read_BsdfDiffuse(self, node):
         roughness = self._number(node, "Roughness", 0.0)
-        return Appearance(self._matt(self._colour(node, "Color"), roughness))
+        return Appearance(self._matt(self._color(node, "Color"), roughness))
 
     def _read_BsdfTranslucent(self, node):
-        bsdf = self._matt(self._colour(node, "Color")) | {"translucent": True}
+        bsdf = self._matt(self._color(node, "Color")) | {"translucent": True}
         return Appearance(bsdf, transmissive=True)
 
     def _read_SubsurfaceScattering(self, node):
         self._note("Subsurface Scattering node", "shown as a diffuse surface of the same color")
-        return Appearance(self._matt(self._colour(node, "Color")))
+        return Appearance(self._matt(self._color(node, "Color")))
 
     def _read_BsdfSheen(self, node):
         if node.node.distribution != "MICROFIBER":
             self._note("Sheen BSDF of the Ashikhmin kind", "replaced by microfiber sheen")
-        return Appearance(self._fuzz(self._colour(node, "Color"), self._number(node, "Roughness", 0.5)))
+        return Appearance(self._fuzz(self._color(node, "Color"), self._number(node, "Roughness", 0.5)))
 
     def _read_Emission(self, node):
         return Appearance(emission=self._emission(node, "Color", "Strength"))
 
     def _read_BsdfGlass(self, node):
         self._note_thin_film(node, "Glass BSDF ")
-        colour = self._colour(node, "Color")
+        color = self._color(node, "Color")
         return self._glass(
-            colour, colour, self._microfacets(node, 0.0), self._constant(node, "IOR", 1.5), _WHITE
+            color, color, self._microfacets(node, 0.0), self._constant(node, "IOR", 1.5), _WHITE
         )
 
     def _read_BsdfRefraction(self, node):
@@ -341,17 +341,17 @@ class _ShaderReader:
             "type": "glass",
             "fresnel": False,
             "ior": _refracting(self._constant(node, "IOR", 1.45)),
-            "transmittance": self._build(self._colour(node, "Color"), limit=1),
+            "transmittance": self._build(self._color(node, "Color"), limit=1),
             **self._rough(gloss["roughness"]),
         }
         if "roughness" in bsdf:
             bsdf["distribution"] = gloss.get("distribution", "ggx")
-        return Appearance(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], SMOOTH))
+        return Appearance(bsdf, transmissive=True, smooth=_limit(gloss["roughness"], SMOOTH))
 
     def _read_BsdfAnisotropic(self, node):
-        """The Glossy BSDF: a mirror of the given colour, without Fresnel."""
+        """The Glossy BSDF: a mirror of the given color, without Fresnel."""
         gloss = self._microfacets(node, 0.5) | self._anisotropy(node)
-        return self._mirror(gloss, reflectance=self._colour(node, "Color"))
+        return self._mirror(gloss, reflectance=self._color(node, "Color"))
 
     _read_BsdfGlossy = _read_BsdfAnisotropic
 
@@ -360,7 +360,7 @@ class _ShaderReader:
         gloss = self._microfacets(node, 0.5) | self._burley_anisotropy(node, "Anisotropy", "Rotation")
         if node.node.fresnel_type == "F82":
             return self._metal(
-                self._colour(node, "Base Color"), self._textured(node, "Edge Tint", _WHITE), gloss
+                self._color(node, "Base Color"), self._texture_value(node, "Edge Tint", _WHITE), gloss
             )
         index, extinction = (
             np.broadcast_to(self._textures.constant(node.input(name), self._name, fallback), 3)
@@ -369,16 +369,16 @@ class _ShaderReader:
         return self._metal(*_f82_of_metal(index, extinction), gloss)
 
     def _read_BsdfTransparent(self, node):
-        colour = self._colour(node, "Color")
-        if _is_white(colour):
+        color = self._color(node, "Color")
+        if _is_white(color):
             return _clear()
-        return replace(_clear(), bsdf={"type": "clear", "transmittance": self._build(colour, limit=1)})
+        return replace(_clear(), bsdf={"type": "clear", "transmittance": self._build(color, limit=1)})
 
     def _read_AddShader(self, node):
         first, second = (self._linked_shader(Pin(socket, node.groups)) for socket in node.node.inputs)
-        added = self._joined(first, second, mode="add") if first.bsdf and second.bsdf else None
+        sum_bsdf = self._mixture(first, second, mode="add") if first.bsdf and second.bsdf else None
         return Appearance(
-            added or first.bsdf or second.bsdf,
+            sum_bsdf or first.bsdf or second.bsdf,
             self._sum(first.emission, second.emission),
             first.transmissive or second.transmissive,
             first.smooth or second.smooth,
@@ -390,10 +390,10 @@ class _ShaderReader:
         by_angle = self._by_angle(follow(factor))
         if by_angle:
             return self._blend(*looks, 1.0, **by_angle)
-        return self._blend(*looks, self._grey(self._textures.value(factor, self._name, 0.5)))
+        return self._blend(*looks, self._gray(self._textures.value(factor, self._name, 0.5)))
 
     def _by_angle(self, source):
-        """How `engine.scene.mixture` has a Fresnel or Layer Weight node; empty for other sockets."""
+        """Arguments of `engine.scene.mixture` for a Fresnel or Layer Weight node; empty for other sockets."""
         node, name = source.node, source.socket.name
         read = {"ShaderNodeFresnel": "IOR", "ShaderNodeLayerWeight": "Blend"}.get(node.bl_idname)
         if read is None or not source.socket.is_output:
@@ -403,7 +403,7 @@ class _ShaderReader:
             return {}
         amount = amount.socket.default_value
         if node.bl_idname == "ShaderNodeFresnel":
-            return {"fresnel_ior": max(amount, LEAST_IOR)}
+            return {"fresnel_ior": max(amount, MIN_IOR)}
         amount = min(max(amount, 0.0), 1 - 1e-5)
         if name == "Fresnel":
             return {"fresnel_ior": 1 / (1 - amount)}
@@ -433,7 +433,7 @@ class _ShaderReader:
         if by_angle and emits and not isinstance(weight, ImageValue):
             self._note("Emission mixed by the angle", "as bright from all sides")
             mean = weight * _mean_by_angle(**by_angle)
-        mixed = Appearance(
+        result = Appearance(
             emission=self._sum(
                 self._product(first.emission, _rest(mean)), self._product(second.emission, mean)
             ),
@@ -441,18 +441,18 @@ class _ShaderReader:
             smooth=first.smooth or second.smooth,
         )
         if first.bsdf or second.bsdf:
-            share = self._build(weight, grey=True, limit=1)
-            mixed.bsdf = self._joined(first, second, weight=share, **by_angle)
-        return mixed
+            share = self._build(weight, gray=True, limit=1)
+            result.bsdf = self._mixture(first, second, weight=share, **by_angle)
+        return result
 
     def _over(self, below, above, weight=1.0):
-        """A look below a closure that reflects, which is present with a weight."""
-        weight = self._build(weight, grey=True, limit=1)
-        bsdf = self._joined(below, above, mode="over", weight=weight)
+        """A look below a reflecting closure with a weight."""
+        weight = self._build(weight, gray=True, limit=1)
+        bsdf = self._mixture(below, above, mode="over", weight=weight)
         return replace(below, bsdf=bsdf, smooth=below.smooth or above.smooth)
 
     @staticmethod
-    def _joined(first, second, **how):
+    def _mixture(first, second, **how):
         """BSDF of two looks, see `engine.scene.mixture`."""
         through = first.transmissive or second.transmissive
         parts = [look.both_sides if through else look.bsdf or _BLACK for look in (first, second)]
@@ -460,21 +460,21 @@ class _ShaderReader:
 
     # -- closures
 
-    def _matt(self, colour, roughness=0.0):
-        bsdf = {"type": "matt", "reflectance": self._build(colour, limit=1)}
-        return bsdf if roughness == 0 else bsdf | {"roughness": self._build(roughness, grey=True, limit=1)}
+    def _matt(self, color, roughness=0.0):
+        bsdf = {"type": "matt", "reflectance": self._build(color, limit=1)}
+        return bsdf if roughness == 0 else bsdf | {"roughness": self._build(roughness, gray=True, limit=1)}
 
-    def _fuzz(self, colour, roughness):
-        roughness = self._build(roughness, grey=True, limit=1)
-        return {"type": "sheen", "reflectance": self._build(colour, limit=1), "roughness": roughness}
+    def _fuzz(self, color, roughness):
+        roughness = self._build(roughness, gray=True, limit=1)
+        return {"type": "sheen", "reflectance": self._build(color, limit=1), "roughness": roughness}
 
     def _microfacets(self, node, roughness):
-        """Roughness and kind of a glossy closure, as `_gloss` takes them."""
+        """Roughness and distribution of a glossy closure, for `_gloss`."""
         gloss: dict = {"roughness": self._number(node, "Roughness", roughness)}
         distribution = node.node.distribution
         if distribution in ("GGX", "BECKMANN"):
             gloss["distribution"] = distribution.lower()
-        elif distribution != "MULTI_GGX" and not _at_most(gloss["roughness"], SMOOTH):
+        elif distribution != "MULTI_GGX" and not _limit(gloss["roughness"], SMOOTH):
             self._note(f"{node.node.bl_label} of the {distribution.title()} kind", "of GGX microfacets")
             gloss["distribution"] = "ggx"
         return gloss
@@ -490,7 +490,7 @@ class _ShaderReader:
         return self._stretch(node, math.sqrt(1 - 0.9 * amount), rotation_name)
 
     def _stretch(self, node, aspect, rotation_name):
-        """Anisotropy as `engine.scene.closures` takes it, along the U of a UV map."""
+        """Anisotropy for `engine.scene.closures`, along the U of a UV map."""
         if abs(aspect - 1) < 1e-4:
             return {}
         tangent, uv_name = follow(node.input("Tangent")).node, None
@@ -502,49 +502,49 @@ class _ShaderReader:
         return {"aspect": aspect, "rotation": self._number(node, rotation_name, 0.0)}
 
     def _rough(self, roughness):
-        """A closure's roughness, absent where it is smooth."""
-        if _at_most(roughness, SMOOTH):
+        """Roughness of a closure; empty if it is smooth."""
+        if _limit(roughness, SMOOTH):
             return {}
-        return {"roughness": self._build(roughness, grey=True, limit=1)}
+        return {"roughness": self._build(roughness, gray=True, limit=1)}
 
     def _gloss(self, gloss, **fresnel):
-        """A closure that reflects."""
+        """A reflecting closure."""
         bsdf = {"type": "gloss", **fresnel, **self._rough(gloss["roughness"])}
         if "roughness" not in bsdf:
             return bsdf
         rotation = gloss.get("rotation", 0.0)
         if rotation != 0:
-            bsdf["rotation"] = self._build(rotation, grey=True)
+            bsdf["rotation"] = self._build(rotation, gray=True)
         return bsdf | {key: gloss[key] for key in ("aspect", "distribution") if key in gloss}
 
     def _dielectric(self, ior, tint, gloss):
         ior = max(ior, 1.001) if ior >= 1 else min(ior, 0.999)
         return self._gloss(gloss, ior=ior, reflectance=self._build(tint, limit=1))
 
-    def _mirror(self, gloss, **colours):
-        """What reflects with these colours of `engine.scene.closures`."""
-        colours = {name: self._build(colour, limit=1) for name, colour in colours.items()}
-        return Appearance(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], SMOOTH))
+    def _mirror(self, gloss, **colors):
+        """A mirror with colors of `engine.scene.closures`."""
+        colors = {name: self._build(color, limit=1) for name, color in colors.items()}
+        return Appearance(self._gloss(gloss, **colors), smooth=_limit(gloss["roughness"], SMOOTH))
 
-    def _metal(self, colour, edge, gloss):
+    def _metal(self, color, edge, gloss):
         edge = {} if _is_white(edge) else {"edge": edge}
-        return self._mirror(gloss, f0=colour, **edge)
+        return self._mirror(gloss, f0=color, **edge)
 
     def _glass(self, transmittance, reflectance, gloss, ior, tint):
-        colours = [self._build(colour, limit=1) for colour in (transmittance, reflectance)]
-        tinted = not _is_white(tint)
+        colors = [self._build(color, limit=1) for color in (transmittance, reflectance)]
+        has_tint = not _is_white(tint)
         ior, roughness = _refracting(ior), gloss["roughness"]
-        smooth = _at_most(roughness, SMOOTH)
+        smooth = _limit(roughness, SMOOTH)
         if smooth and self._abbe:
             self._disperses = True
-            if tinted:
+            if has_tint:
                 self._note("Specular Tint of dispersive glass", "ignored")
-            bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colours, strict=True))
+            bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colors, strict=True))
             bsdf |= {"type": "dispersive_dielectric", "int_ior": ior, "ext_ior": 1.0, "abbe": self._abbe}
             return Appearance(bsdf, transmissive=True, smooth=True)
-        bsdf = dict(zip(("transmittance", "reflectance"), colours, strict=True))
+        bsdf = dict(zip(("transmittance", "reflectance"), colors, strict=True))
         bsdf |= {"type": "glass", "ior": ior, **self._rough(roughness)}
-        if tinted:
+        if has_tint:
             bsdf["specular_tint"] = self._build(tint, limit=1)
         if not smooth and "distribution" in gloss:
             bsdf["distribution"] = gloss["distribution"]
@@ -552,16 +552,16 @@ class _ShaderReader:
 
     # -- values
 
-    def _colour(self, node, name):
-        return self._textured(node, name, tuple(self._material.diffuse_color)[:3])
+    def _color(self, node, name):
+        return self._texture_value(node, name, tuple(self._material.diffuse_color)[:3])
 
     def _number(self, node, name, default):
-        return self._grey(self._textured(node, name, default))
+        return self._gray(self._texture_value(node, name, default))
 
     @staticmethod
-    def _grey(value):
-        """As Cycles reads a number from a colour: its luminance."""
-        return replace(value, grey=True) if isinstance(value, ImageValue) else _luminance(value)
+    def _gray(value):
+        """A color as a number, which is its luminance in Cycles."""
+        return replace(value, gray=True) if isinstance(value, ImageValue) else _luminance(value)
 
     @staticmethod
     def _deviates(node, name, neutral):
@@ -572,32 +572,32 @@ class _ShaderReader:
         socket = follow(pin).socket
         return socket.is_output or not np.allclose(_first(socket.default_value, neutral), neutral)
 
-    def _textured(self, node, name, fallback):
+    def _texture_value(self, node, name, fallback):
         return self._textures.value(node.input(name), self._name, fallback)
 
     def _constant(self, node, name, default):
         return float(np.mean(self._textures.constant(node.input(name), self._name, default)))
 
-    def _emission(self, node, colour_name, strength_name):
+    def _emission(self, node, color_name, strength_name):
         strength = self._textures.value(node.input(strength_name), self._name, 1.0)
         if isinstance(strength, ImageValue):
-            colour = self._textures.value(node.input(colour_name), self._name, _WHITE)
-            if isinstance(colour, ImageValue):
+            color = self._textures.value(node.input(color_name), self._name, _WHITE)
+            if isinstance(color, ImageValue):
                 self._emission_pressing = True
-                colour = self._textures.mean_colour(colour)
+                color = self._textures.mean_color(color)
             if self._textures.has_negative(strength):
                 self._note("Negative emission", "ignored")
-            return replace(strength, grey=True).scaled(colour)
+            return replace(strength, gray=True).scaled(color)
         strength = _luminance(strength)
         if strength == 0:
             return None
         if strength < 0:
             self._note("Negative emission", "ignored")
             return None
-        colour = self._textures.value(node.input(colour_name), self._name, (1.0, 1.0, 1.0))
-        if isinstance(colour, ImageValue) and self._textures.has_negative(colour):
+        color = self._textures.value(node.input(color_name), self._name, (1.0, 1.0, 1.0))
+        if isinstance(color, ImageValue) and self._textures.has_negative(color):
             self._note("Negative emission", "ignored")
-        return _times(colour, strength)
+        return _times(color, strength)
 
     def _product(self, value, weight):
         """A value, or none, times a number or an image."""
@@ -606,7 +606,7 @@ class _ShaderReader:
         if not isinstance(value, ImageValue):
             return weight.scaled(value)
         self._emission_pressing = True
-        return _times(value, float(self._textures.mean_colour(weight).mean()))
+        return _times(value, float(self._textures.mean_color(weight).mean()))
 
     def _sum(self, first, second):
         if first is None or second is None:
@@ -616,10 +616,10 @@ class _ShaderReader:
             return first if isinstance(first, ImageValue) else second
         return tuple(np.broadcast_to(first, 3) + np.broadcast_to(second, 3))
 
-    def _build(self, value, grey=False, limit=None):
+    def _build(self, value, gray=False, limit=None):
         if isinstance(value, ImageValue):
             self.uv_names.append(value.uv_name)
-        return self._textures.build(value, grey, limit)
+        return self._textures.build(value, gray, limit)
 
     def _note(self, feature, effect):
         self._notes.add(self._name, feature, effect)
@@ -630,7 +630,7 @@ class _ShaderReader:
 
 
 def _two_sided(bsdf):
-    """Whether a BSDF's dictionary serves both sides."""
+    """Whether a BSDF's dictionary is for both sides."""
     if bsdf["type"] == "mixture":
         return _two_sided(bsdf["first"]) and _two_sided(bsdf["second"])
     if bsdf["type"] == "normalmap":
@@ -639,7 +639,7 @@ def _two_sided(bsdf):
 
 
 def _mean_by_angle(fresnel_ior=None, facing=None) -> float:
-    """Mean over the hemisphere, weighted by the cosine, of a share of `engine.scene.mixture`."""
+    """Cosine-weighted mean over the hemisphere of a weight of `engine.scene.mixture`."""
     import drjit as dr
     import mitsuba as mi
 
@@ -669,7 +669,7 @@ def _has_holes(bsdf):
 
 
 def _clear():
-    """Appearance of a surface that is not there."""
+    """Appearance of an invisible surface."""
     return Appearance(_CLEAR, transmissive=True, smooth=True)
 
 
@@ -678,7 +678,7 @@ def _f0(ior):
 
 
 def _luminance(value):
-    """Of a colour or a number."""
+    """Luminance of a color or a number."""
     return float(np.dot(value, LUMINANCE) if np.ndim(value) else value)
 
 
@@ -694,8 +694,8 @@ def _eta(f0):
 
 
 def _refracting(ior):
-    """An index of refraction that differs from 1, for Mitsuba's sake."""
-    ior = max(float(ior), LEAST_IOR)
+    """An index of refraction that differs from 1, as Mitsuba requires."""
+    ior = max(float(ior), MIN_IOR)
     return ior if abs(ior - 1) >= 1e-4 else 1.0001
 
 
@@ -721,7 +721,7 @@ def _is_white(value):
     return not isinstance(value, ImageValue) and np.min(value) >= 1
 
 
-def _at_most(value, limit):
+def _limit(value, limit):
     return not isinstance(value, ImageValue) and value <= limit
 
 

@@ -1,4 +1,4 @@
-"""Walking Blender's node trees: which output feeds a socket, through groups, reroutes and muted nodes."""
+"""Traversal of Blender's node trees, through groups, reroutes and muted nodes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +23,7 @@ class Pin:
 
 
 def follow(pin):
-    """Find where the value of an input socket comes from.
+    """Find the output that feeds an input socket.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ def upstream(pin):
     ----------
     pin : Pin
     """
-    waiting, seen = [pin], set()
+    waiting, visited = [pin], set()
     while waiting:
         source = follow(waiting.pop())
-        if source.socket.is_output and source not in seen:
-            seen.add(source)
+        if source.socket.is_output and source not in visited:
+            visited.add(source)
             yield source
             waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
 
@@ -158,7 +158,7 @@ _INSTANCE_OUTPUTS = {
 
 
 def reads_instance(owner):
-    """Whether nodes of a material read what differs from instance to instance of a mesh, such as its place.
+    """Whether nodes of a material read values that differ between instances of a mesh, such as their place.
 
     Parameters
     ----------
@@ -197,14 +197,14 @@ def by_identifier(sockets, identifier) -> Any:
 
 
 def tree_of(owner) -> Any:
-    """The node tree of a new material or world, which older Blenders make when asked."""
+    """Node tree of a new material or world, which older Blenders create on request."""
     if owner.node_tree is None:
         owner.use_nodes = True
     return owner.node_tree
 
 
 def uses_nodes(owner):
-    """Whether a material or world is what its nodes make of it."""
+    """Whether a material or world uses its nodes."""
     import bpy
 
     return bpy.app.version >= (5, 0, 0) or owner.use_nodes  # always true, and deprecated, since 5.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.scene.variants import made
 from ..notes import Notes
-from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
+from .baking import ATLAS, COLOR, EMISSION, NORMAL, NUMBER, Output
 from .node_graph import Pin, alphas_upstream, first_link, follow, upstream
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -36,7 +36,7 @@ _PLACE = ("location", "rotation_", "scale", "matrix_", "delta_", "dimensions", "
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 _NO_NEGATIVE = "negative values, as of colors outside Rec.709, are shown as zero"
-_ANIMATED = ("SEQUENCE", "MOVIE")
+_ANIMATION_SOURCES = ("SEQUENCE", "MOVIE")
 # Files whose color Cycles takes to be multiplied by their alpha, whatever the image's alpha mode.
 _ASSOCIATED_FILES = ("OPEN_EXR", "OPEN_EXR_MULTILAYER", "HDR")
 # Files whose color Cycles multiplies by their alpha. Of others it depends on the file.
@@ -46,7 +46,7 @@ _SMOOTH = ("Cubic", "Smart")  # both are Cycles' B-spline
 
 
 def stand_in_effect(source):
-    """How what comes from an output socket differs in a scene that is made for baking; empty where it does not.
+    """Effect of baking on an output socket's value, which differs in the scene for baking; empty for no effect.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def stand_in_effect(source):
 
 @dataclass(frozen=True, eq=False)
 class RawImage:
-    """Pixels of our own, in the place of a Blender image.
+    """Pixels in place of a Blender image.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class RawImage:
 
 @dataclass(frozen=True, eq=False)
 class StoredImage:
-    """An image's numbers as Cycles keeps them, and interpolates between.
+    """An image's numbers as stored in Cycles, which interpolates between them.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class ImageValue:
     ----------
     image : bpy.types.Image or RawImage
     alpha : bool
-        Read the alpha channel instead of the colour.
+        Read the alpha channel instead of the color.
     alpha_read : bool
         Something reads the alpha too: then Cycles divides the color by it.
     interpolation : str
@@ -133,14 +133,14 @@ class ImageValue:
         UV map; None for the active one.
     uv_matrix : tuple of 9 floats
         Row-major transform of the UVs.
-    grey : bool
-        The colour's luminance instead of the colour.
+    gray : bool
+        The color's luminance instead of the color.
     scale : tuple of 3 floats
-        Factor on the linear colour.
+        Factor on the linear color.
     offset : tuple of 3 floats
         Added after the factor.
     power : float
-        Exponent on the linear colour, before the factor.
+        Exponent on the linear color, before the factor.
     """
 
     image: object
@@ -150,13 +150,13 @@ class ImageValue:
     extension: str = "REPEAT"
     uv_name: str | None = None
     uv_matrix: tuple = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    grey: bool = False
+    gray: bool = False
     scale: tuple = (1.0, 1.0, 1.0)
     offset: tuple = (0.0, 0.0, 0.0)
     power: float = 1.0
 
     def scaled(self, factor):
-        """The same image times a number or a colour."""
+        """The same image times a number or a color."""
         return self._affine(np.asarray(factor, float), 0.0)
 
     def inverted(self):
@@ -169,7 +169,7 @@ class ImageValue:
 
 
 def missing(node, owner, frame, notes):
-    """Whether a node's image is none or cannot be read, which is noted: it is opaque and magenta, as in Cycles.
+    """Whether a node's image is missing or unreadable, and note it: it is opaque and magenta, as in Cycles.
 
     Parameters
     ----------
@@ -190,24 +190,27 @@ def missing(node, owner, frame, notes):
         notes.add(owner, "Image Texture without an image", "shown in magenta")
         return True
     what = "Image file"
-    if image.source not in (*_ANIMATED, "TILED") or image.packed_files:
-        lost = not (image.size[0] * image.size[1] and image.channels)
+    if image.source not in (*_ANIMATION_SOURCES, "TILED") or image.packed_files:
+        is_missing = not (image.size[0] * image.size[1] and image.channels)
     elif image.source == "TILED":
         path = _path(image)
         tiles = [tile.number for tile in image.tiles if not os.path.isfile(_tile_path(path, tile.number))]
         if image.is_dirty or not image.filepath:  # made here and not saved
             tiles = []
-        lost = len(tiles) == len(image.tiles)
-        for number in () if lost else tiles:
+        is_missing = len(tiles) == len(image.tiles)
+        for number in () if is_missing else tiles:
             notes.add(image.name, f"UDIM tile {number}", "missing: shown in magenta")
     elif image.source == "SEQUENCE":
         number = frame_shown(node.image_user, frame)
-        what, lost = f"Frame {number} of a sequence", not os.path.isfile(_frame_path(_path(image), number))
+        what, is_missing = (
+            f"Frame {number} of a sequence",
+            not os.path.isfile(_frame_path(_path(image), number)),
+        )
     else:
-        lost = not os.path.isfile(_path(image))
-    if lost:
+        is_missing = not os.path.isfile(_path(image))
+    if is_missing:
         notes.add(image.name, what, "missing: shown in magenta")
-    return lost
+    return is_missing
 
 
 def _path(image):
@@ -264,7 +267,7 @@ def stored(image, notes):
     StoredImage
     """
     width, height = image.size
-    if image.source in _ANIMATED:
+    if image.source in _ANIMATION_SOURCES:
         notes.add(image.name, "Image sequence or movie", "only the frame loaded now is used")
     elif image.source == "TILED":
         notes.add(image.name, "UDIM tiles", "only the first tile is used")
@@ -300,9 +303,9 @@ def stored(image, notes):
         _is_from_file(image) and image.alpha_mode == "STRAIGHT" and image.file_format in _ASSOCIATED_FILES
     )
     if associated and (srgb or as_it_is):
-        color[:] = _divided(color, alpha)
+        color[:] = _divide_alpha(color, alpha)
     if srgb:
-        color[:] = _encoded(color)
+        color[:] = _encode(color)
         if associated and not as_it_is:
             color *= alpha
     return StoredImage(pixels, srgb, associated)
@@ -344,19 +347,19 @@ def _as_float(pixels):
     return pixels * np.float32(1 / 255) if pixels.dtype == np.uint8 else pixels
 
 
-def _divided(color, alpha):
+def _divide_alpha(color, alpha):
     """Color without the factor of its alpha, as Cycles divides."""
     return color / np.where(alpha == 0, np.float32(1), alpha)
 
 
-def decoded(colour):
+def decode_srgb(color):
     """Linear values of sRGB's (IEC 61966-2-1)."""
-    return np.where(colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
+    return np.where(color <= 0.04045, color / 12.92, ((np.maximum(color, 0) + 0.055) / 1.055) ** 2.4)
 
 
-def _encoded(colour):
-    """Inverse of `decoded`."""
-    return np.where(colour <= 0.0031308, colour * 12.92, 1.055 * np.maximum(colour, 0) ** (1 / 2.4) - 0.055)
+def _encode(color):
+    """Inverse of `decode_srgb`."""
+    return np.where(color <= 0.0031308, color * 12.92, 1.055 * np.maximum(color, 0) ** (1 / 2.4) - 0.055)
 
 
 # Stands for what is still to be baked.
@@ -364,7 +367,7 @@ PENDING = ImageValue(RawImage("pending", np.ones((1, 1, 3), np.float32)))
 
 
 class MaterialReading:
-    """What one reading of a material needs.
+    """State of the reading of one material.
 
     Parameters
     ----------
@@ -386,7 +389,7 @@ class MaterialReading:
 
     def __init__(self, baked):
         self.baked = baked
-        self.wanted = {}
+        self.outputs = {}
         self.pressing = False
         self.uv_names = set()
         self.alphas_read: set[Pin] = set()
@@ -415,7 +418,7 @@ class Textures:
     def __init__(self, notes):
         self._notes = notes
         self._stored = {}
-        self._built = {}
+        self._cache = {}
         self._reading = MaterialReading(None)
         self.frame = 0.0  # of the scene
 
@@ -434,7 +437,7 @@ class Textures:
             self._reading, self._notes = outer
 
     def value(self, pin, owner, fallback):
-        """What feeds a socket.
+        """Value that feeds a socket.
 
         Parameters
         ----------
@@ -460,7 +463,7 @@ class Textures:
             return 1.0 if source.socket.name == "Alpha" else MAGENTA
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
-        reading.wanted[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOUR)
+        reading.outputs[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOR)
         if reading.baked:
             return self._baked(pin, owner, feature)
         if pictured and (reading.baked is None or self._is_direct(source)):
@@ -494,7 +497,7 @@ class Textures:
         return self._whole(None, EMISSION, owner, "Emission of several textures")
 
     def _whole(self, pin, kind, owner, what):
-        self._reading.wanted[socket_key(pin, kind)] = Output(pin, kind)
+        self._reading.outputs[socket_key(pin, kind)] = Output(pin, kind)
         if self._reading.baked:
             return self._baked(pin, owner, what, kind)
         self._reading.pressing = True
@@ -520,7 +523,7 @@ class Textures:
         node, image = source.node, source.node.image
         return (
             node.projection == "FLAT"
-            and image.source not in ("TILED", *_ANIMATED)
+            and image.source not in ("TILED", *_ANIMATION_SOURCES)
             and self.is_known(image)
             and self._reads_uv(source.input("Vector"))
             and self._is_flat(source)
@@ -551,7 +554,7 @@ class Textures:
         )
 
     def constant(self, pin, owner, fallback):
-        """Like `value`, for parameters that take no texture; what varies is noted and replaced."""
+        """Constant value that feeds a socket, for parameters without textures; others are noted and replaced."""
         source = pin and follow(pin)
         if source and source.socket.is_output and source.node.bl_idname not in _CONSTANT:
             feature = f"{source.node.bl_label} node into {pin.socket.name}"
@@ -643,19 +646,19 @@ class Textures:
         """Whether an `ImageValue` has colors below zero."""
         return value.image.is_float and self.stored(value.image).pixels[..., :3].min() < 0
 
-    def mean_colour(self, value):
-        """Mean linear colour of a value, shape (3,)."""
+    def mean_color(self, value):
+        """Mean linear color of a value, shape (3,)."""
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
-        colour = self._scaled(self._linear_colour(value), value)
-        return np.maximum(colour, 0).reshape(-1, 3).mean(0, float)
+        color = self._scale(self._linear_color(value), value)
+        return np.maximum(color, 0).reshape(-1, 3).mean(0, float)
 
     @staticmethod
-    def _scaled(colour, value):
-        colour = np.maximum(colour, 0) ** np.float32(value.power)
-        return colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
+    def _scale(color, value):
+        color = np.maximum(color, 0) ** np.float32(value.power)
+        return color * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
 
-    def _linear_colour(self, value):
+    def _linear_color(self, value):
         """The channels of an image that count, [y, x, 3]."""
         kept = self.stored(value.image)
         pixels = kept.numbers
@@ -663,13 +666,13 @@ class Textures:
             return np.repeat(pixels, 3, axis=2)
         if value.alpha:
             return np.repeat(pixels[..., 3:], 3, axis=2)
-        colour = pixels[..., :3]
+        color = pixels[..., :3]
         if value.alpha_read and kept.associated:
-            colour = _divided(colour, pixels[..., 3:])
+            color = _divide_alpha(color, pixels[..., 3:])
         if kept.srgb:
-            colour = decoded(colour)
+            color = decode_srgb(color)
         return (
-            np.repeat((colour @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.grey else colour
+            np.repeat((color @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.gray else color
         )
 
     def _is_linear(self, value):
@@ -684,14 +687,14 @@ class Textures:
         pixels = kept.pixels if value.alpha_read else kept.pixels[..., :3]
         return bool((pixels == pixels[0, 0]).all()) and value.extension != "CLIP"
 
-    def build(self, value, grey=False, limit=None):
+    def build(self, value, gray=False, limit=None):
         """A Mitsuba texture or constant.
 
         Parameters
         ----------
         value : float, tuple of 3 floats, or ImageValue
-        grey : bool
-            One channel (luminance of a colour), for parameters such as roughness.
+        gray : bool
+            One channel (luminance of a color), for parameters such as roughness.
         limit : float, optional
             Largest value, e.g. 1 for reflectances.
 
@@ -701,27 +704,27 @@ class Textures:
             To be placed in a dictionary for `mitsuba.load_dict`.
         """
         if isinstance(value, ImageValue):
-            return self._bitmap(value, grey, limit)
-        colour = np.clip(np.broadcast_to(np.asarray(value, float), 3), 0, limit)
-        if grey:
-            return float(colour @ LUMINANCE)
-        return {"type": "rgb", "value": [float(v) for v in colour]}
+            return self._bitmap(value, gray, limit)
+        color = np.clip(np.broadcast_to(np.asarray(value, float), 3), 0, limit)
+        if gray:
+            return float(color @ LUMINANCE)
+        return {"type": "rgb", "value": [float(v) for v in color]}
 
-    def _bitmap(self, value, grey, limit):
+    def _bitmap(self, value, gray, limit):
         import mitsuba as mi
 
-        key = (replace(value, image=None), value.image.name_full, grey, limit)
-        if key not in self._built:
+        key = (replace(value, image=None), value.image.name_full, gray, limit)
+        if key not in self._cache:
             linear = self._is_linear(value)
-            parts, to_uv = self._bitmap_parts(value, grey, limit) if linear else self._picture(value, limit)
+            parts, to_uv = self._bitmap_parts(value, gray, limit) if linear else self._picture(value, limit)
             texture = made(parts | {"to_uv": mi.ScalarTransform3f(to_uv)})
             if isinstance(value.image, RawImage):  # which is read once, and then no more
                 return texture
-            self._built[key] = texture
-        return self._built[key]
+            self._cache[key] = texture
+        return self._cache[key]
 
     def _picture(self, value, limit):
-        """What `engine.scene.images` takes to sample an image as Cycles does, and the 3x3 transform of UVs."""
+        """Arguments of `engine.scene.images` to sample an image as Cycles does, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
         kept = self.stored(value.image)
@@ -734,7 +737,7 @@ class Textures:
             "wrap_mode": _WRAPS[value.extension],
             "srgb": kept.srgb and not value.alpha,
             "unassociate": divide,
-            "gray": value.grey and not value.alpha,
+            "gray": value.gray and not value.alpha,
             "power": value.power,
         }
         for channel, scale, offset in zip("rgb", value.scale, value.offset, strict=True):
@@ -743,26 +746,26 @@ class Textures:
             parts["limit"] = float(limit)
         return parts, np.array(value.uv_matrix).reshape(3, 3)
 
-    def _bitmap_parts(self, value, grey, limit):
+    def _bitmap_parts(self, value, gray, limit):
         """Mitsuba's own texture, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
-        colour = self._linear_colour(value)
+        color = self._linear_color(value)
         to_uv = np.array(value.uv_matrix).reshape(3, 3)
         if value.extension == "CLIP":
             # a black frame of one pixel, repeated outwards
-            height, width = colour.shape[:2]
-            colour = np.pad(colour, ((1, 1), (1, 1), (0, 0)))
+            height, width = color.shape[:2]
+            color = np.pad(color, ((1, 1), (1, 1), (0, 0)))
             x, y = width / (width + 2), height / (height + 2)
             frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
             to_uv = frame @ to_uv
-        colour = np.clip(self._scaled(colour, value), 0, limit)
-        if grey:
-            colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
+        color = np.clip(self._scale(color, value), 0, limit)
+        if gray:
+            color = (color @ LUMINANCE.astype(np.float32))[..., None]
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
         parts = {
             "type": "bitmap",
-            "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
+            "bitmap": mi.Bitmap(np.ascontiguousarray(color, np.float32)),
             "raw": True,
             "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
             "filter_type": "nearest" if value.interpolation == "Closest" else "bilinear",
@@ -772,8 +775,9 @@ class Textures:
 
 
 def own_mapping(node):
-    """The Texture Mapping that a texture node has besides its sockets, as Cycles applies it (its Min and Max it does
-    not read).
+    """Matrix of the Texture Mapping that a texture node has besides its sockets, as Cycles applies it.
+
+    Cycles does not read its Min and Max.
 
     Parameters
     ----------

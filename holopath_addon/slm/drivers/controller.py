@@ -1,4 +1,4 @@
-"""A controller on a serial port: pulses, focus, and frames where it has a display."""
+"""Controllers on a serial port: pulses, focus, and frames for those with a display."""
 
 from __future__ import annotations
 
@@ -19,52 +19,58 @@ if TYPE_CHECKING:
     import serial
 
 BAUD = 115200
-SLOWEST = 9600
-READ_TIMEOUT = 0.002  # seconds that one look for answers may wait
+MIN_BAUD = 9600
+READ_TIMEOUT = 0.002  # seconds
 WRITE_TIMEOUT = 1.0
-ARRIVAL = 60.0  # seconds that a motion of the focus may take
+FOCUS_TIMEOUT = 60.0  # seconds that a motion of the focus may take
 
 
 def serial_ports() -> list[tuple[str, str]]:
-    """Ports of this computer: device and description, as pyserial lists them."""
+    """Serial ports of this computer: device and description, as pyserial lists them."""
     from serial.tools import list_ports
 
     return sorted((port.device, port.description or "") for port in list_ports.comports())
 
 
 class Controller:
-    """Usable from several threads, one at a time.
+    """A controller on a serial port; several threads may share it.
 
     Parameters
     ----------
     port : str, optional
-        Its name, or a URL that pyserial knows (``socket://host:port``). Default: the only one there is.
+        Name of the port, or a URL for pyserial (``socket://host:port``). Default: the only port there is.
     baud : int
+        Speed of the line.
 
     Attributes
     ----------
     link : Link
-        Keeps what was not taken while the device is lost.
+        The connection. It keeps unsent messages while the device is lost.
+
+    Raises
+    ------
+    InvalidInput
+        If no line has such a speed.
     """
 
     def __init__(self, port: str | None = None, baud: int = BAUD) -> None:
-        if not SLOWEST <= baud <= 100_000_000:
+        if not MIN_BAUD <= baud <= 100_000_000:
             raise InvalidInput(
-                f"A line of {baud} baud is too slow or none: the usual is {BAUD}, {SLOWEST} the least."
+                f"Expected a speed from {MIN_BAUD} to 100000000 baud, got {baud}. {BAUD} is usual."
             )
         self._name, self._baud = port, baud
         self._port: serial.Serial | None = None
         self._lock = threading.Lock()
-        self._given = None  # number of the frame that is being sent
+        self._sending = None  # number of the frame in transmission
         self.link = Link()
 
     @property
     def name(self) -> str:
-        """Of the port."""
+        """Name of the port."""
         return self._name or "serial"
 
     def open(self) -> None:
-        """Open the port and shake hands; where the device was lost, it goes on.
+        """Open the port and shake hands; a lost device resumes.
 
         Raises
         ------
@@ -75,81 +81,106 @@ class Controller:
         """
         import serial
 
-        known = self.link.device is not None
+        lost = self.link.device is not None
         self.close()
+        name = self._port_name()
         try:
-            name = self._chosen()
             alone: dict[str, Any] = {} if "://" in name else {"exclusive": True}
             port = serial.serial_for_url(
                 name, self._baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT, **alone
             )
         except (OSError, ValueError) as error:
             text = f"The serial port {self.name} cannot be opened ({error})"
-            if known:
-                raise DeviceLost(f"{text}: plug the device in again.") from error
+            if lost:
+                raise DeviceLost(f"{text}. Plug the device in again.") from error
             raise InvalidInput(
-                f"{text}: holopath devices lists those that are there; another program may hold it."
+                f"{text}. Close other programs that may use it, or choose a port that holopath devices lists."
             ) from error
         try:
             with self._lock:
-                self.link.connect(port, PATIENCE if known else START_PATIENCE)
+                self.link.connect(port, PATIENCE if lost else START_PATIENCE)
         except BaseException:
             port.close()
             raise
         self._port = port
 
-    def _chosen(self):
+    def _port_name(self):
         if self._name is None:
             ports = serial_ports()
             if len(ports) != 1:
                 there = ", ".join(name for name, _ in ports) or "none"
-                raise InvalidInput(f"The serial port is to be named: there are {len(ports)} ({there}).")
+                raise InvalidInput(f"Expected one serial port, found {len(ports)} ({there}). Name the port.")
             self._name = ports[0][0]
         return self._name
 
     def frame(self, number: int, pixels: np.ndarray, bits: int, wavelength: int) -> None:
         """Send a frame, and wait until the device has it.
 
-        The frame that was being sent when the device was lost may be given again: it is sent only once.
+        A frame that was in transmission when the device was lost may be sent again: the device gets it once.
+
+        Parameters
+        ----------
+        number, pixels, bits, wavelength
+            See `Link.frame`.
+
+        Raises
+        ------
+        DeviceLost
         """
         with self._lock:
-            if number != self._given:
-                self._given = number
+            if number != self._sending:
+                self._sending = number
                 self.link.frame(number, pixels, bits, wavelength)
             self.link.finish()
-            self._given = None
+            self._sending = None
 
     def trigger(self, number: int, microseconds: int = 100) -> None:
-        """Have a pulse given, and wait until the device knows; opens the port if it is not, or was lost."""
-        self._be_open()
+        """Request a pulse, and wait until the device has the request; opens the port if needed.
+
+        Parameters
+        ----------
+        number : int
+            Number of the picture.
+        microseconds : int
+            Length of the pulse.
+
+        Raises
+        ------
+        InvalidInput
+            If the device has no triggers.
+        DeviceLost
+        """
+        self._ensure_open()
         self._require(Can.TRIGGERS, "triggers")
         with self._lock, self._closing():
             self.link.trigger(number, microseconds)
             self.link.finish()
 
     def focus(self, position: int, progress: Callable[[int], None] | None = None) -> None:
-        """Move the focus, and wait until it stands; opens the port if it is not, or was lost.
+        """Move the focus, and wait until it has stopped; opens the port if needed.
 
         Parameters
         ----------
         position : int
-            In the device's own steps.
+            Target position in the device's own steps.
         progress : callable, optional
             ``progress(position)`` meanwhile; may raise `engine.Cancelled`.
 
         Raises
         ------
+        InvalidInput
+            If the device has no focus, or no motor such a position.
         DeviceLost
         """
         if not -(2**31) <= position < 2**31:
-            raise InvalidInput(f"A position of {position} is beyond any motor's: it has 32 bits.")
-        self._be_open()
+            raise InvalidInput(f"Expected a motor position of 32 bits, got {position}.")
+        self._ensure_open()
         self._require(Can.FOCUS, "focus commands")
-        end = time.perf_counter() + ARRIVAL
+        end = time.perf_counter() + FOCUS_TIMEOUT
         with self._lock, self._closing():
             try:
                 self.link.focus(int(position))
-            finally:  # else it would be done much later, when the device is there again
+            finally:  # otherwise a device that comes back later would still move
                 self.link.forget(Kind.FOCUS)
         while True:
             where = self.position()
@@ -159,39 +190,39 @@ class Controller:
                 progress(where)
             if time.perf_counter() > end:
                 raise DeviceLost(
-                    f"The focus has not arrived after {ARRIVAL:g} s: look whether the motor is blocked."
+                    f"The focus has not arrived after {FOCUS_TIMEOUT:g} s. Check whether the motor is blocked."
                 )
             time.sleep(0.02)
 
     def position(self) -> int:
-        """Where the focus is now, in the device's own steps."""
-        self._be_open()
+        """Current position of the focus in the device's own steps."""
+        self._ensure_open()
         with self._lock, self._closing():
             self.link.status()
             return self.link.position
 
-    def _be_open(self):
+    def _ensure_open(self):
         if self._port is None:
             self.open()
 
     @contextmanager
     def _closing(self):
-        """Let go of the port where the device is lost."""
+        """Close the port if the block loses the device."""
         try:
             yield
         except DeviceLost:
             self.close()
             raise
 
-    def _require(self, ability, what):
+    def _require(self, ability, name):
         device = self.link.device
         if device is not None and ability not in device.can:
             raise InvalidInput(
-                f"The device '{device.name}' on {self.name} takes no {what}: choose another port."
+                f"The device '{device.name}' on {self.name} takes no {name}. Choose another port."
             )
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         port, self._port = self._port, None
         self.link.disconnect()
         if port is not None:

@@ -1,4 +1,4 @@
-"""Pictures as files, for devices whose own program plays them."""
+"""Driver that writes pictures as files, for devices with a player of their own."""
 
 from __future__ import annotations
 
@@ -28,43 +28,44 @@ OTHERS = ("picture_*.png", "pictures.raw", "pictures*.mkv")
 
 
 class FilesDriver:
-    """A folder: ``picture_000000.png`` and so on, or all of them in one file or more; and ``pictures.json``.
+    """A driver that writes a folder: ``picture_000000.png`` and so on, or one file or more; and ``pictures.json``.
 
-    The folder appears when all are written. Raw: row by row from the top, each pixel one byte, two of more than 8 bits
-    (low byte first), three (red, green, blue) with a packing of several. Videos: see `video.Videos`.
+    The folder appears when all pictures are written. Raw files have rows from the top, and one byte per pixel: two for
+    more than 8 bits (low byte first), three (red, green, blue) for packings of several holograms. For videos see
+    `video.Videos`.
 
     Parameters
     ----------
     folder : path
-        Replaced if it holds an earlier such sequence.
+        An earlier sequence of pictures there is replaced.
     kind : str
-        Of `KINDS`.
+        One of `KINDS`.
     sequence : Sequence, optional
-        Whose pictures they are; of videos it must be given, for their colors and times.
+        The sequence of the pictures; required for videos, which need its colors and times.
 
     Raises
     ------
     InvalidInput
     BackendUnavailable
-        Of videos, on opening: where there is no program that writes them.
+        On opening, if there is no program that writes videos.
     """
 
     def __init__(self, folder: Path | str, kind: str = "png", sequence: Sequence | None = None) -> None:
         if kind not in KINDS:
-            raise InvalidInput(f"Pictures are written as {' or '.join(KINDS)}, not {kind}.")
+            raise InvalidInput(f"Expected a kind of file among {', '.join(KINDS)}, got {kind}.")
         if kind in (VIDEO, VIDEOS) and sequence is None:
-            raise InvalidInput("Videos have the colors and times of a sequence: give it.")
+            raise InvalidInput("Videos have the colors and times of a sequence. Give the sequence.")
         self._sequence = sequence
         self._videos: Videos | None = None
         self._folder, self._kind = Path(folder), kind
         self._whole = None
         self.info = Info("files", bits=0, channels=3, note=f"{kind} in {folder}")
 
-    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
-        """Begin; see `Driver`. Files are written as fast as they can be: their rate stands in ``pictures.json``."""
+    def open(self, rate: float | None, on_picture: Callable[[int, str], None]) -> None:
+        """Create the folder; see `Driver`. Files are written without delay: ``pictures.json`` has their rate."""
         if self._sequence is not None and self._kind in (VIDEO, VIDEOS):
             self._videos = Videos(self._sequence, rate, self._kind == VIDEOS)
-        self._told, self.info = told, replace(self.info, rate=rate or math.inf)
+        self._on_picture, self.info = on_picture, replace(self.info, rate=rate or math.inf)
         self._rate, self._parts, self._shape, self._raw = rate, [], None, None
         self._whole = whole_folder(
             self._folder,
@@ -73,7 +74,7 @@ class FilesDriver:
         self._part = self._whole.__enter__()
 
     def show(self, number: int, picture: Picture) -> None:
-        """Write one."""
+        """Write a picture; see `Driver`."""
         pixels = picture.pixels
         self._shape = pixels.shape, pixels.dtype
         if self._kind == "png":
@@ -85,10 +86,10 @@ class FilesDriver:
                 self._raw = open(self._part / "pictures.raw", "wb")
             self._raw.write(pixels.astype(pixels.dtype.newbyteorder("<")).tobytes())
         self._parts.append(picture.parts)
-        self._told(number, SHOWN)
+        self._on_picture(number, SHOWN)
 
     def close(self, finish: bool = False) -> None:
-        """Put the folder in its place, or leave nothing where it is not finished."""
+        """Move the finished folder into place, or delete an unfinished one; see `Driver`."""
         whole, self._whole = self._whole, None
         if whole is None:
             return
@@ -111,7 +112,7 @@ class FilesDriver:
     def _describe(self, shape, dtype):
         """Write ``pictures.json``."""
         height, width, *channels = shape
-        said = {
+        description = {
             "format": "HoloPath pictures",
             "pictures": len(self._parts),
             "width": width,
@@ -122,4 +123,4 @@ class FilesDriver:
             "parts": [[list(part) for part in parts] for parts in self._parts],
             **({"videos": self._videos.timing(len(self._parts))} if self._videos is not None else {}),
         }
-        (self._part / "pictures.json").write_text(json.dumps(said) + "\n", encoding="utf-8")
+        (self._part / "pictures.json").write_text(json.dumps(description) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Which monitor is which: a number on each of them."""
+"""Identification of monitors by a number on each of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..driver import Picture
-from .display import TURN, DisplayDriver
+from .display import POLL_INTERVAL, DisplayDriver
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ _SEGMENTS = {
     "lower right": (slice(2, 5), 2),
     "bottom": (4, slice(0, 3)),
 }
-_DARK = {  # of an 8, what a digit has not
+_DARK = {  # segments that are dark in each digit
     "0": ("middle",),
     "1": ("top", "upper left", "middle", "lower left", "bottom"),
     "2": ("upper left", "lower right"),
@@ -38,20 +38,31 @@ _DARK = {  # of an 8, what a digit has not
     "8": (),
     "9": ("lower left",),
 }
-SHARE = 0.5  # of the monitor's height
+HEIGHT_FRACTION = 0.5  # of the monitor's
 
 
 def numeral(number: int, width: int, height: int) -> np.ndarray:
-    """A number in the middle of a black picture, white, uint8, shape (y, x); as large as fits."""
+    """Draw a white number in the center of a black picture, as large as fits.
+
+    Parameters
+    ----------
+    number : int
+    width, height : int
+        Size of the picture in pixels.
+
+    Returns
+    -------
+    numpy.ndarray, uint8, shape (height, width)
+    """
     digits = []
     for digit in str(number):
-        lit = np.zeros((5, 4), np.uint8)
+        digit_pixels = np.zeros((5, 4), np.uint8)
         for name, where in _SEGMENTS.items():
             if name not in _DARK[digit]:
-                lit[where] = 255
-        digits.append(lit)
+                digit_pixels[where] = 255
+        digits.append(digit_pixels)
     text = np.concatenate(digits, axis=1)[:, :-1]
-    size = min(int(SHARE * height) // text.shape[0], width // text.shape[1])
+    size = min(int(HEIGHT_FRACTION * height) // text.shape[0], width // text.shape[1])
     large = np.kron(text, np.ones((size, size), np.uint8))
     picture = np.zeros((height, width), np.uint8)
     top, left = (height - large.shape[0]) // 2, (width - large.shape[1]) // 2
@@ -60,31 +71,31 @@ def numeral(number: int, width: int, height: int) -> np.ndarray:
 
 
 def identify(
-    found: Sequence[Monitor], seconds: float, waiting: Callable[[float], object] = lambda left: None
+    monitors: Sequence[Monitor], seconds: float, on_wait: Callable[[float], object] = lambda seconds: None
 ) -> None:
     """Show the number of each monitor on it, counted from 1.
 
     Parameters
     ----------
-    found : sequence of Monitor
+    monitors : sequence of Monitor
     seconds : float
-        How long.
-    waiting : callable
-        ``waiting(left)`` is called with the seconds that are left, and may raise.
+        Duration.
+    on_wait : callable
+        ``on_wait(seconds)`` with the remaining seconds, again and again; may raise.
 
     Raises
     ------
     InvalidInput, DeviceLost
     """
     with ExitStack() as stack:
-        for number, monitor in enumerate(found, 1):
+        for number, monitor in enumerate(monitors, 1):
             driver = DisplayDriver(f"{monitor.name} {monitor.geometry}", primary=True)
             stack.callback(driver.close)
-            driver.open(None, lambda number, how: None)
+            driver.open(None, lambda number, outcome: None)
             picture = Picture(numeral(number, driver.info.width, driver.info.height), number, ((0, 0),))
             while not driver.show(0, picture):
                 pass
         end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            waiting(left)
-            time.sleep(min(left, TURN))
+        while (remaining := end - time.monotonic()) > 0:
+            on_wait(remaining)
+            time.sleep(min(remaining, POLL_INTERVAL))

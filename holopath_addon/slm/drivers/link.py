@@ -1,7 +1,7 @@
-"""The computer's end of the serial line: everything sent arrives once and in order, or `DeviceLost` is raised.
+"""The computer's end of the serial line: messages arrive once and in order, or `DeviceLost` is raised.
 
-Go-back-N: packets carry a sequence number, the device takes only the one it expects and reports which that is
-(Tanenbaum, Computer Networks, 5th ed., section 3.4.2). The protocol is written down in docs/serial-protocol.md.
+Go-back-N: packets carry a sequence number; the device accepts only the next one, and reports its number
+(Tanenbaum, Computer Networks, 5th ed., section 3.4.2). docs/serial-protocol.md specifies the protocol.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
 
 PATIENCE = 1.5  # seconds of silence after which a device is lost
 START_PATIENCE = 5.0  # many controllers restart when their port is opened
-STUCK = 20.0  # seconds in which a device that answers must take something
-ANSWER = 256  # bytes of payload that a device may send
-SHORTEST = 32  # bytes of payload, on a line that damages much
-WINDOW = 16  # packets under way
-ON_LINE = 0.05  # seconds at most that one packet takes
-UNDER_WAY = 0.2  # and all that are under way
-GONE = OSError, TypeError, ValueError  # pyserial raises the latter two on a port that is closed
+PROGRESS_TIMEOUT = 20.0  # seconds in which a device that answers must accept a packet
+MAX_ANSWER = 256  # bytes of payload from a device
+MIN_PAYLOAD = 32  # bytes, on a line that damages many packets
+MAX_WINDOW = 16  # packets in flight
+PACKET_SECONDS = 0.05  # maximum duration of a packet
+FLIGHT_SECONDS = 0.2  # maximum duration of all packets in flight
+PORT_ERRORS = OSError, TypeError, ValueError  # pyserial raises the latter two on a closed port
 SEQUENCES, SESSIONS = 1 << 16, 1 << 8
 
 
 @dataclass
 class Message:
-    """What is to be sent: a head, and where it is a frame the pixels, which are cut into parts.
+    """A message: a head, and the pixels of a frame, which are split into parts.
 
     Attributes
     ----------
     kind : Kind
     head : bytes
     body : memoryview
-    sent, taken : int
-        How many steps: the head is the first, each byte of the body another.
+    sent, accepted : int
+        Numbers of steps: the head is the first one, and each byte of the body another.
     """
 
     kind: Kind
     head: bytes
     body: memoryview = field(default_factory=lambda: memoryview(b""))
     sent: int = 0
-    taken: int = 0
+    accepted: int = 0
 
     def next(self, size: int) -> tuple[Kind, tuple, int]:
-        """Kind, payload in pieces and the step after it, of at most `size` bytes."""
+        """Kind, payload in pieces and last step of the next packet of at most `size` bytes."""
         if self.sent == 0:
             return self.kind, (self.head,), 1
         begin = self.sent - 1
@@ -62,13 +62,13 @@ class Message:
 
     @property
     def steps(self) -> int:
-        """All of them."""
+        """Total number of steps."""
         return 1 + len(self.body)
 
 
 @dataclass
 class _Flight:
-    """A packet that is not reported as taken."""
+    """A packet in flight: sent, and not reported as accepted."""
 
     data: bytes
     message: Message
@@ -79,13 +79,13 @@ class _Flight:
 
 @dataclass(frozen=True)
 class Device:
-    """What a device says of itself.
+    """Properties of a device, as it reports them.
 
     Attributes
     ----------
     name : str
     width, height, bits : int
-        0 where it takes no frames.
+        Size in pixels and bits of a level; 0 where it takes no frames.
     can : Can
     """
 
@@ -102,60 +102,61 @@ class Link:
     Parameters
     ----------
     stream : int, optional
-        Tells the device whether it knows this stream already. Default: at random.
+        Identifier by which the device recognizes the stream after a loss. Default: random.
 
     Attributes
     ----------
     device : Device or None
-    frames : int
-        Whole frames that the device has taken, as it last reported.
-    triggers : int
+        Known after the first `connect`.
+    frames, triggers : int
+        Numbers of frames and pulses that the device last reported as complete.
     position : int
-        Of the focus.
+        Last reported position of the focus.
     moving : bool
+        Whether the focus moved at the last report.
     resent : int
-        Packets that were sent once more.
+        Number of packets that were sent again.
     """
 
     def __init__(self, stream: int | None = None) -> None:
         self._stream = random.getrandbits(32) if stream is None else stream
         self._session = 0
         self._port: serial.Serial | None = None
-        self._messages = deque()  # the first ones may be partly under way
+        self._messages = deque()  # the first ones may be partly in flight
         self._flight = deque()
         self._next = 0  # sequence of the next new packet
-        self._expected = 0  # sequence of the first packet under way
-        self._welcomed = self._continued = False
-        self._longest, self._window, self._size = packets.LONGEST, 1, SHORTEST
-        self._room = 0.0  # bytes that may be under way
+        self._expected = 0  # sequence of the first packet in flight
+        self._is_open = self._resumes = False
+        self._max_payload, self._window, self._size = packets.MAX_PAYLOAD, 1, MIN_PAYLOAD
+        self._room = 0.0  # bytes that may be in flight
         self._clean = 0
-        self._trip = 0.0  # seconds from writing to the report, smoothed
-        self._in_vain = 0  # times that was sent again since anything was taken
-        self._heard = self._advanced = self._went_back = 0.0
+        self._trip = 0.0  # seconds from writing to the report, moving average
+        self._retries = 0  # retries since the device last accepted a packet
+        self._last_answer = self._last_advance = self._last_retry = 0.0
         self.device = None
         self.frames = self.triggers = self.position = self.resent = 0
         self.moving = False
 
     def connect(self, port: serial.Serial, patience: float = START_PATIENCE) -> None:
-        """Shake hands, and go on with what was not reported as taken.
+        """Shake hands, and resume with what was not reported as accepted.
 
         Parameters
         ----------
         port : serial.Serial
-            Open, with short time-outs for reading and writing.
+            An open port with short timeouts for reading and writing.
         patience : float
             Seconds to wait for the device's answer.
 
         Raises
         ------
         DeviceLost
-            If there is none, or it speaks another version.
+            If the device does not answer, or speaks another version.
         """
-        self._port, self._decoder = port, packets.Decoder(ANSWER)
+        self._port, self._decoder = port, packets.Decoder(MAX_ANSWER)
         self._shake_hands(patience)
 
     def disconnect(self) -> None:
-        """Let go of the port; what is under way is sent again after the next `connect`."""
+        """Release the port; packets in flight are sent again after the next `connect`."""
         self._port = None
 
     def frame(self, number: int, pixels: np.ndarray, bits: int = 8, wavelength: int = 0) -> None:
@@ -164,12 +165,17 @@ class Link:
         Parameters
         ----------
         number : int
-            Counts up by one for every frame of the stream.
+            Number of the frame, which increases by one.
         pixels : numpy.ndarray, shape (y, x), integers
+            Levels.
         bits : int
-            Of each pixel.
+            Bits of each pixel.
         wavelength : int
-            Its index.
+            Index of the wavelength.
+
+        Raises
+        ------
+        DeviceLost
         """
         body = memoryview(pixels.tobytes())
         height, width = pixels.shape
@@ -177,73 +183,73 @@ class Link:
         self._send(Message(Kind.FRAME, head, body))
 
     def trigger(self, number: int, microseconds: int) -> None:
-        """Have the device give a pulse."""
+        """Request a pulse for a picture of a number."""
         self._send(Message(Kind.TRIGGER, packets.TRIGGER.pack(number, microseconds)))
 
     def focus(self, position: int) -> None:
-        """Have the focus moved; returns when the device knows of it, see `moving`."""
+        """Start a motion of the focus, and return when the device has accepted it; see `moving`."""
         self._send(Message(Kind.FOCUS, packets.FOCUS.pack(position)))
         self.finish()
 
     def forget(self, kind: Kind) -> None:
-        """Messages of a kind that the device has not taken are not sent any more."""
+        """Drop the waiting messages of a kind."""
         self._messages = deque(message for message in self._messages if message.kind != kind)
 
     def status(self) -> None:
-        """Ask for a report and wait for it."""
-        before = self._heard
-        asked = 0.0
+        """Request a report, and wait for it."""
+        before = self._last_answer
+        request_time = 0.0
 
-        def told():
-            nonlocal asked
-            if self._heard > before:
+        def has_answered():
+            nonlocal request_time
+            if self._last_answer > before:
                 return True
-            if time.perf_counter() - asked > self._patience_of_one():
-                asked = time.perf_counter()
+            if time.perf_counter() - request_time > self._patience_of_one():
+                request_time = time.perf_counter()
                 self._write(packets.encode(Kind.STATUS, self._session, 0))
             return False
 
-        self._pump(told)
+        self._pump(has_answered)
 
     def finish(self) -> None:
-        """Wait until the device has taken everything."""
+        """Wait until the device has accepted everything."""
         self._pump(lambda: not self._messages)
 
     def _send(self, message):
         self._messages.append(message)
-        # what was sent before may have been sent back to its beginning: all of it must be under way
+        # a retry may have reset earlier messages: wait until all of it is in flight
         self._pump(lambda: self._messages[-1].sent == self._messages[-1].steps if self._messages else True)
 
     def _pump(self, done):
-        """Write what the window takes and read what arrives, until `done()`."""
+        """Write as the window allows and read answers, until `done()`."""
         self._require_port()
         waiting = time.perf_counter()
         while not done():
-            wrote = self._write_more()
-            self._read(wait=not wrote)
+            has_written = self._write_more()
+            self._read(wait=not has_written)
             now = time.perf_counter()
-            if now - max(self._heard, waiting) > PATIENCE:
+            if now - max(self._last_answer, waiting) > PATIENCE:
                 raise DeviceLost(
-                    f"The device does not answer for {PATIENCE:g} s: check its cable and power, then go on."
+                    f"The device has not answered for {PATIENCE:g} s. Check its cable and power, then go on."
                 )
-            if self._flight and now - max(self._advanced, waiting) > STUCK:
+            if self._flight and now - max(self._last_advance, waiting) > PROGRESS_TIMEOUT:
                 raise DeviceLost(
-                    f"The device answers, but takes nothing for {STUCK:g} s: restart it, then go on."
+                    f"The device answers, but has accepted nothing for {PROGRESS_TIMEOUT:g} s. Restart it, then go on."
                 )
             if self._flight and now - self._flight[0].written > self._patience_of_one():
-                self._in_vain += 1
+                self._retries += 1
                 self._go_back()
 
     def _patience_of_one(self):
-        """Seconds after which a packet without report is sent again."""
-        usual = max(0.005, 4 * self._trip) * 2 ** min(self._in_vain, 4)
+        """Seconds after which a packet without a report is sent again."""
+        usual = max(0.005, 4 * self._trip) * 2 ** min(self._retries, 4)
         return min(usual, 0.2) + self._bytes_under_way() * 10 / self._require_port().baudrate
 
     def _bytes_under_way(self):
         return sum(len(packet.data) for packet in self._flight)
 
     def _write_more(self):
-        """Write one more packet if the window has room; whether it had."""
+        """Write one more packet if the window has room; whether it was written."""
         if len(self._flight) >= self._window or self._bytes_under_way() > self._room:
             return False
         message = next((m for m in self._messages if m.sent < m.steps), None)
@@ -258,13 +264,13 @@ class Link:
         return True
 
     def _go_back(self):
-        """Something was lost: send again all that is under way, in smaller pieces where large ones do not pass."""
-        self._size, self._clean = max(SHORTEST, self._size // 2), 0
+        """Send all packets in flight again after a loss, in smaller pieces if large ones do not pass."""
+        self._size, self._clean = max(MIN_PAYLOAD, self._size // 2), 0
         head = self._flight[0]
         if head.tries >= 2 and len(head.data) > 2 * (self._size + packets.OVERHEAD):
             self._shake_hands(PATIENCE)
             return
-        self._went_back = time.perf_counter()
+        self._last_retry = time.perf_counter()
         for packet in self._flight:
             packet.tries += 1
             packet.written = time.perf_counter()
@@ -272,42 +278,42 @@ class Link:
         self.resent += len(self._flight)
 
     def _shake_hands(self, patience):
-        """Begin a new session: packets of the last one that are still on the line mean nothing then."""
-        # a device that has not answered may yet have heard of this one
-        if self._welcomed or self._session == 0:
+        """Start a new session, which makes packets of the last one void."""
+        # a device that has not answered may still know the current session
+        if self._is_open or self._session == 0:
             self._session = (self._session + 1) % SESSIONS
-        self._welcomed = False
+        self._is_open = False
         hello = packets.encode(
             Kind.HELLO, self._session, 0, packets.HELLO.pack(packets.VERSION, 0, self._stream)
         )
-        end, asked = time.perf_counter() + patience, 0.0
-        while not self._welcomed:
+        end, request_time = time.perf_counter() + patience, 0.0
+        while not self._is_open:
             now = time.perf_counter()
             if now > end:
                 raise DeviceLost(
-                    f"The device does not answer for {patience:g} s: check port, cable and power, and that its "
+                    f"The device has not answered for {patience:g} s. Check port, cable and power, and that its "
                     "firmware speaks HoloPath's protocol (docs/serial-protocol.md)."
                 )
-            if now - asked > 0.1:
-                asked = now
+            if now - request_time > 0.1:
+                request_time = now
                 self._write(hello)
             self._read(wait=True)
         for message in self._messages:
-            if not self._continued:
-                message.taken = 0
-            message.sent = message.taken
-        self._trip = self._trip or time.perf_counter() - asked
+            if not self._resumes:
+                message.accepted = 0
+            message.sent = message.accepted
+        self._trip = self._trip or time.perf_counter() - request_time
         self._flight.clear()
         self._next = self._expected
-        self._heard = self._advanced = time.perf_counter()
+        self._last_answer = self._last_advance = time.perf_counter()
 
     def _read(self, wait):
-        """Take in what has arrived."""
+        """Read and process what has arrived."""
         port = self._require_port()
         try:
             data = port.read(port.in_waiting or 1) if wait or port.in_waiting else b""
-        except GONE as error:
-            raise DeviceLost(f"The device is gone ({error}): plug it in again, then go on.") from error
+        except PORT_ERRORS as error:
+            raise DeviceLost(f"The device is gone ({error}). Plug it in again, then go on.") from error
         for packet in self._decoder.feed(data) if data else ():
             if packet.session == self._session:
                 self._take(packet)
@@ -316,72 +322,79 @@ class Link:
         payload = packet.payload
         if packet.kind == Kind.WELCOME and len(payload) >= packets.WELCOME.size:
             self._welcome(packets.WELCOME.unpack_from(payload), payload[packets.WELCOME.size :])
-        elif packet.kind == Kind.REPORT and len(payload) == packets.REPORT.size and self._welcomed:
+        elif packet.kind == Kind.REPORT and len(payload) == packets.REPORT.size and self._is_open:
             expected, again, moving, self.frames, self.triggers, self.position = packets.REPORT.unpack(
                 payload
             )
-            self._heard, self.moving = time.perf_counter(), bool(moving)
+            self._last_answer, self.moving = time.perf_counter(), bool(moving)
             advanced = self._advance((expected - self._expected) % SEQUENCES)
-            if again and not advanced and self._flight and time.perf_counter() - self._went_back > self._trip:
+            if (
+                again
+                and not advanced
+                and self._flight
+                and time.perf_counter() - self._last_retry > self._trip
+            ):
                 self._go_back()
 
-    def _welcome(self, said, name):
-        version, goes_on, longest, window, expected, frames, position, width, height, bits, can = said
+    def _welcome(self, fields, name):
+        version, goes_on, max_payload, window, expected, frames, position, width, height, bits, can = fields
         if version != packets.VERSION:
             raise DeviceLost(
-                f"The device speaks version {version} of the protocol, this HoloPath version {packets.VERSION}: "
-                "update its firmware (docs/serial-protocol.md)."
+                f"The device speaks version {version} of the protocol, this HoloPath version {packets.VERSION}. "
+                "Update its firmware (docs/serial-protocol.md)."
             )
-        if self._welcomed:
-            return  # a second answer to a second question
-        taken = (expected - self._expected) % SEQUENCES
-        # a device that has restarted may have learnt the stream from an old HELLO, and says that it goes on
-        self._welcomed, self._continued = True, bool(goes_on) and taken <= len(self._flight)
-        if self._continued:
-            self._advance(taken)
+        if self._is_open:
+            return  # the answer to a repeated HELLO
+        count = (expected - self._expected) % SEQUENCES
+        # a restarted device may know the stream from an old HELLO, and claim that it goes on
+        self._is_open, self._resumes = True, bool(goes_on) and count <= len(self._flight)
+        if self._resumes:
+            self._advance(count)
         else:
             self.triggers = 0
         self._expected = expected
         self.frames, self.position = frames, position
-        self._longest = max(SHORTEST, min(longest, packets.LONGEST))
-        self._window = max(1, min(window, WINDOW))
+        self._max_payload = max(MIN_PAYLOAD, min(max_payload, packets.MAX_PAYLOAD))
+        self._window = max(1, min(window, MAX_WINDOW))
         if self.device is None:
-            speed = self._require_port().baudrate / 10  # bytes a second
-            self._size = max(SHORTEST, int(speed * ON_LINE))
-            self._room = speed * UNDER_WAY
-        self._size = min(self._size, self._longest)
+            speed = self._require_port().baudrate / 10  # bytes per second
+            self._size = max(MIN_PAYLOAD, int(speed * PACKET_SECONDS))
+            self._room = speed * FLIGHT_SECONDS
+        self._size = min(self._size, self._max_payload)
         self.device = Device(name.decode("utf-8", "replace")[:64], width, height, bits, Can(can & 7))
 
     def _advance(self, count):
-        """The device has taken `count` more packets; whether any. More than are under way: an old report."""
+        """Record `count` more accepted packets; whether there are any. An old report has more than are in flight."""
         if not 0 < count <= len(self._flight):
             return False
-        now = self._advanced = time.perf_counter()
-        self._in_vain = 0
+        now = self._last_advance = time.perf_counter()
+        self._retries = 0
         for _ in range(count):
             packet = self._flight.popleft()
-            packet.message.taken = packet.step
+            packet.message.accepted = packet.step
             if packet.tries == 1:
                 self._trip += 0.125 * (now - packet.written - self._trip)
                 self._clean += 1
-            while self._messages and self._messages[0].taken == self._messages[0].steps:
+            while self._messages and self._messages[0].accepted == self._messages[0].steps:
                 self._messages.popleft()
         self._expected = (self._expected + count) % SEQUENCES
-        if self._clean >= 32 and self._trip < ON_LINE:  # the line is good, and maybe faster than its baud say
-            self._size, self._clean = min(2 * self._size, self._longest), 0
-            self._room = min(2 * self._room, WINDOW * packets.LONGEST)
+        if (
+            self._clean >= 32 and self._trip < PACKET_SECONDS
+        ):  # the line is good, and may be faster than its baud rate
+            self._size, self._clean = min(2 * self._size, self._max_payload), 0
+            self._room = min(2 * self._room, MAX_WINDOW * packets.MAX_PAYLOAD)
         return True
 
     def _write(self, data):
         port = self._require_port()
         try:
             port.write(data)
-        except GONE as error:
+        except PORT_ERRORS as error:
             raise DeviceLost(
-                f"The device is gone or stands still ({error}): plug it in again, then go on."
+                f"The device is gone or blocked ({error}). Plug it in again, then go on."
             ) from error
 
     def _require_port(self):
         if self._port is None:
-            raise DeviceLost("The device is not connected: open it first.")
+            raise DeviceLost("The device is not connected. Open it first.")
         return self._port

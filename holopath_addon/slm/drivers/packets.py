@@ -1,6 +1,6 @@
-"""Packets on the serial line: how they are written, and found again among damaged bytes.
+"""Packets of the serial protocol: encoding, and decoding of damaged streams of bytes.
 
-The protocol is written down in docs/serial-protocol.md; all numbers are little-endian.
+docs/serial-protocol.md specifies the protocol. All numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ VERSION = 1
 SYNC = b"\xa5\x5a"
 # sync, kind, session, sequence, length, CRC-32 of the six bytes in between
 HEADER = struct.Struct("<2sBBHHI")
-CHECK = struct.Struct("<I")  # CRC-32 of the payload, where there is one
+CHECK = struct.Struct("<I")  # CRC-32 of the payload; absent without a payload
 OVERHEAD = HEADER.size + CHECK.size
-LONGEST = 0xFFFF  # bytes of payload
+MAX_PAYLOAD = 0xFFFF  # bytes
 
 HELLO = struct.Struct("<BBI")  # version, 0, stream
 FRAME = struct.Struct("<IHHBBII")  # number, width, height, bits, wavelength, bytes, CRC-32 of them all
@@ -30,7 +30,7 @@ REPORT = struct.Struct("<HBBIIi")
 
 
 class Kind(enum.IntEnum):
-    """Of packets: to the device, and from 128 on from it."""
+    """Kinds of packets: below 128 to the device, above from it."""
 
     HELLO = 1
     FRAME = 2
@@ -43,7 +43,7 @@ class Kind(enum.IntEnum):
 
 
 class Can(enum.IntFlag):
-    """What a device takes."""
+    """Abilities of a device."""
 
     FRAMES = 1
     TRIGGERS = 2
@@ -52,11 +52,12 @@ class Can(enum.IntFlag):
 
 @dataclass(frozen=True)
 class Packet:
-    """One packet that arrived whole.
+    """A complete packet.
 
     Attributes
     ----------
     kind, session, sequence : int
+        See `encode`.
     payload : bytes
     """
 
@@ -67,17 +68,18 @@ class Packet:
 
 
 def encode(kind: int, session: int, sequence: int, *payload) -> bytes:
-    """A packet's bytes.
+    """Encode a packet.
 
     Parameters
     ----------
     kind : int
+        A `Kind`.
     session : int
-        0 to 255.
+        Number of the session, 0 to 255.
     sequence : int
-        0 to 65535.
+        Number of the packet, 0 to 65535.
     *payload : bytes-like
-        Pieces of it, together at most `LONGEST`.
+        Pieces of the payload, together at most `MAX_PAYLOAD` bytes.
 
     Returns
     -------
@@ -95,30 +97,30 @@ def encode(kind: int, session: int, sequence: int, *payload) -> bytes:
 
 
 class Decoder:
-    """Finds packets in what arrives, whatever else arrives.
+    """A decoder of packets in a stream of any bytes.
 
-    Memory is bounded by the longest packet that is taken and what is fed at once.
+    Memory is bounded by the longest accepted packet and the bytes fed at once.
 
     Parameters
     ----------
-    longest : int
-        Payload in bytes that is taken; a packet that claims more is skipped.
+    max_payload : int
+        Bytes; packets that claim more are skipped.
 
     Attributes
     ----------
     damaged : int
-        Packets whose check failed.
+        Number of packets whose check failed.
     """
 
-    def __init__(self, longest: int = LONGEST) -> None:
-        self._longest = longest
+    def __init__(self, max_payload: int = MAX_PAYLOAD) -> None:
+        self._max_payload = max_payload
         self._buffer = bytearray()
         self.damaged = 0
 
     def feed(self, data: bytes) -> list[Packet]:
-        """The packets that are complete with these bytes.
+        """Add bytes to the stream, and return the packets that they complete.
 
-        After a damaged one the search goes on at the byte behind its first, so that nothing whole is lost with it.
+        After a damaged packet the search resumes at its second byte, so that no complete packet is lost.
 
         Returns
         -------
@@ -134,7 +136,7 @@ class Decoder:
             if len(buffer) - at < HEADER.size:
                 break
             _, kind, session, sequence, length, check = HEADER.unpack_from(buffer, at)
-            if zlib.crc32(buffer[at + 2 : at + 8]) != check or length > self._longest:
+            if zlib.crc32(buffer[at + 2 : at + 8]) != check or length > self._max_payload:
                 self.damaged += 1
                 at += 1
                 continue
@@ -157,5 +159,5 @@ class Decoder:
         return packets
 
     def __len__(self) -> int:
-        """Bytes that wait for the rest of their packet."""
+        """Number of bytes of an incomplete packet."""
         return len(self._buffer)

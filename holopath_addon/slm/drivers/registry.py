@@ -1,4 +1,4 @@
-"""Which drivers there are, and what they lack."""
+"""The table of drivers, and the packages that they need."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DRIVERS = {
     "files": "pictures for a device's own program",
     "virtual": "a simulated bench with a camera",
 }
-# what each imports only when it is used, and how to get it
+# the module that each driver imports when it is used, and how to get it
 NEEDS = {
     "display": ("sdl2", "install it with `pip install pysdl2 pysdl2-dll`"),
     "serial": ("serial", "install it with `pip install pyserial`"),
@@ -22,16 +22,17 @@ NEEDS = {
 
 
 def describe() -> list[dict]:
-    """All drivers, in the form of `engine.scene.variants.describe`.
+    """Describe all drivers, in the form of `engine.scene.variants.describe`.
 
     Returns
     -------
     list of dict
-        ``name``, ``available`` and ``detail``: what it drives, or how to get what it lacks.
+        ``name``, ``available`` and ``detail``: what the driver drives, and how to get a missing package.
     """
     rows = []
-    for name, what in DRIVERS.items():
+    for name, detail in DRIVERS.items():
         module, remedy = NEEDS.get(name, (None, ""))
-        there = module is None or importlib.util.find_spec(module) is not None
-        rows.append({"name": name, "available": there, "detail": what if there else f"{what}; {remedy}"})
+        available = module is None or importlib.util.find_spec(module) is not None
+        detail = detail if available else f"{detail}; {remedy}"
+        rows.append({"name": name, "available": available, "detail": detail})
     return rows

@@ -1,4 +1,4 @@
-"""Any SLM that slmsuite knows, where slmsuite is installed."""
+"""SLMs of slmsuite, where it is installed."""
 
 from __future__ import annotations
 
@@ -34,80 +34,89 @@ INSTALL = "install it with `pip install slmsuite` for the Python that runs HoloP
 
 
 def options_of(text: str, device: str, size: tuple[int, int]) -> dict:
-    """Arguments of a device's class from JSON; the simulated one gets the pictures' size where none is given.
+    """Parse the arguments of a device's class.
+
+    Parameters
+    ----------
+    text : str
+        A JSON object; empty for none.
+    device : str
+        A key of `DEVICES`.
+    size : (int, int)
+        Width and height of the pictures, the default resolution of the simulated SLM.
 
     Raises
     ------
     engine.InvalidInput
+        If the text is not a JSON object.
     """
     try:
         options = json.loads(text or "{}")
         if not isinstance(options, dict):
-            raise ValueError("no object")
+            raise ValueError("not an object")
     except ValueError as error:
-        raise InvalidInput(f"The options {text} are no JSON object ({error}).") from None
+        raise InvalidInput(f"Expected options as a JSON object, got {text} ({error}).") from None
     return {"resolution": list(size)} | options if device == "simulated" else options
 
 
 class SlmsuiteDriver:
     """An SLM of slmsuite.
 
-    It is given levels, not phases: slmsuite would flip the sign of phases (0 becomes the highest level), add its own
-    correction and round in its own way; whole numbers it shows as they are.
+    The driver sends levels, not phases. slmsuite would flip the sign of phases (0 becomes the highest level), and add a
+    correction and rounding of its own; it shows whole numbers unchanged.
 
     Parameters
     ----------
     device : str
-        Of `DEVICES`, or ``module.Class`` in ``slmsuite.hardware.slms``.
+        A key of `DEVICES`, or ``module.Class`` in ``slmsuite.hardware.slms``.
     options : dict
-        Arguments of that class, for example ``{"slm_number": 1, "wav_um": 0.5165}``; of the simulated one
+        Arguments of that class, for example ``{"slm_number": 1, "wav_um": 0.5165}``; for the simulated SLM
         ``resolution``, width and height.
 
     Attributes
     ----------
     slm : slmsuite.hardware.slms.slm.SLM
-        Once it is open.
+        Set once the device is open.
 
     Raises
     ------
     engine.InvalidInput
+        If slmsuite is not installed, or has no such device.
     """
 
     def __init__(self, device: str, options: dict | None = None) -> None:
         if importlib.util.find_spec("slmsuite") is None:
-            raise InvalidInput(f"The driver slmsuite needs slmsuite, which is not there: {INSTALL}.")
+            raise InvalidInput(f"The driver slmsuite needs the package slmsuite: {INSTALL}.")
         self._path = DEVICES.get(device, device)
         if self._path.count(".") != 1:
-            raise InvalidInput(
-                f"slmsuite's device '{device}' is unknown: choose one of {', '.join(DEVICES)}."
-            )
+            raise InvalidInput(f"Expected a device of slmsuite ({', '.join(DEVICES)}), got '{device}'.")
         self._options = dict(options or {})
         self.slm: Any = None  # of any of slmsuite's classes
         self.info = Info("slmsuite")
 
-    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
-        """Import the class and make its SLM; see `Driver`."""
+    def open(self, rate: float | None, on_picture: Callable[[int, str], None]) -> None:
+        """Import the class and create its SLM; see `Driver`."""
         module, name = self._path.split(".")
         try:
             kind = getattr(importlib.import_module(f"slmsuite.hardware.slms.{module}"), name)
-        except Exception as error:  # makers' libraries that are missing raise of all kinds
+        except Exception as error:  # missing libraries of makers raise errors of all kinds
             raise InvalidInput(
-                f"slmsuite's {self._path} cannot be loaded ({type(error).__name__}: {error}): install its "
-                "maker's library, or choose another device."
+                f"slmsuite's {self._path} cannot be loaded ({type(error).__name__}: {error}). Install its maker's "
+                "library, or choose another device."
             ) from error
         try:
             self.slm = kind(**self._options)
         except ImportError as error:
             raise InvalidInput(
-                f"slmsuite's {self._path} lacks the library of its maker ({error}): install that."
+                f"slmsuite's {self._path} lacks its maker's library ({error}). Install that library."
             ) from error
         except TypeError as error:
             raise InvalidInput(
-                f"slmsuite's {self._path} takes other options ({error}): see its documentation."
+                f"slmsuite's {self._path} takes other options ({error}). See its documentation."
             ) from error
         except Exception as error:
             raise DeviceLost(
-                f"slmsuite's {self._path} does not open ({type(error).__name__}: {error}): check cable and power."
+                f"slmsuite's {self._path} does not open ({type(error).__name__}: {error}). Check cable and power."
             ) from error
         height, width = self.slm.shape
         self.info = Info(
@@ -115,17 +124,17 @@ class SlmsuiteDriver:
         )
 
     def show(self, number: int, picture: Picture) -> None:
-        """Show the levels as they are."""
+        """Show the levels unchanged; see `Driver`."""
         try:
             self.slm.set_phase(picture.pixels.astype(np.uint8 if self.info.bits <= 8 else np.uint16))
         except Exception as error:
             raise DeviceLost(
-                f"{self.info.name} does not take the picture ({type(error).__name__}: {error}): check cable and power."
+                f"{self.info.name} does not take the picture ({type(error).__name__}: {error}). Check cable and power."
             ) from error
 
     def close(self, finish: bool = False) -> None:
-        """Let go of the SLM."""
+        """Close the SLM; see `Driver`."""
         slm, self.slm = self.slm, None
         if slm is not None:
-            with suppress(Exception):  # a device that is gone cannot be closed, either
+            with suppress(Exception):  # a lost device cannot be closed, either
                 slm.close()

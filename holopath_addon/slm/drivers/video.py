@@ -1,4 +1,4 @@
-"""Lossless video files, written by the program ffmpeg."""
+"""Lossless video files of pictures, written by the program ffmpeg."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ..sequence import Sequence
 
 MAX_DENOMINATOR = 1001  # of a rate, such as 60000 / 1001 Hz
-# Ut Video is lossless. It holds red, green and blue as they are: gray or YUV some players take for a narrower range of
-# levels. Of phases its files are as large as FFV1's, and a fifth of the work to decode (docs/slm.md).
+# Ut Video is lossless and keeps red, green and blue unchanged; some players assume a narrower range of levels for gray
+# or YUV. Files of phases are as large as FFV1's, and take a fifth of the time to decode (docs/slm.md).
 CODEC = "-c:v", "utvideo", "-pix_fmt", "gbrp"
 
 
@@ -35,28 +35,30 @@ def ffmpeg() -> str:
     BackendUnavailable
         If there is neither.
     """
-    found = shutil.which("ffmpeg")
-    if found is None:
+    path = shutil.which("ffmpeg")
+    if path is None:
         try:
-            found = import_module("imageio_ffmpeg").get_ffmpeg_exe()
+            path = import_module("imageio_ffmpeg").get_ffmpeg_exe()
         except (ImportError, RuntimeError) as error:
             raise BackendUnavailable(
-                "A video needs the program ffmpeg: install it, or `pip install holopath[video]`, or choose --kind png."
+                "A video needs the program ffmpeg. Install it, or run `pip install holopath[video]`, or choose --kind "
+                "png."
             ) from error
-    return found
+    return path
 
 
 class Videos:
-    """All pictures of a sequence in ``pictures.mkv``, or those of each color in one, ``pictures_640nm.mkv``.
+    """Videos of a sequence: ``pictures.mkv``, or one per color, such as ``pictures_640nm.mkv``.
 
-    Lossless, of 8 bits in red, green and blue.
+    They are lossless, with 8 bits in red, green and blue.
 
     Parameters
     ----------
     sequence : Sequence
     rate : float or None
-        Pictures a second, of each video.
+        Pictures per second of each video.
     per_color : bool
+        Whether each color has its own video.
 
     Raises
     ------
@@ -68,18 +70,24 @@ class Videos:
 
     def __init__(self, sequence: Sequence, rate: float | None, per_color: bool) -> None:
         if rate is None:
-            raise InvalidInput("A video has a rate: give --rate, the pictures a second that the SLM shows.")
+            raise InvalidInput("A video needs a rate. Give --rate, the pictures a second that the SLM shows.")
         self._program = ffmpeg()
         self._sequence, self._rate, self._per_color = sequence, rate, per_color
-        self._videos: dict[str, tuple[_Video, int | None]] = {}  # by name, and of which wavelength
+        self._videos: dict[str, tuple[_Video, int | None]] = {}  # by name, with the index of the wavelength
 
     def add(self, picture: Picture, folder: Path) -> None:
-        """Write a picture into its video.
+        """Write a picture to its video.
+
+        Parameters
+        ----------
+        picture : Picture
+        folder : pathlib.Path
+            Folder of the videos.
 
         Raises
         ------
         InvalidInput
-            If it has more than 8 bits, or several colors where each has a video.
+            If the picture has more than 8 bits, or several colors where each has its own video.
         OSError
         """
         name, color = "pictures.mkv", None
@@ -87,15 +95,15 @@ class Videos:
             colors = {color for _, color in picture.parts}
             if len(colors) > 1:
                 raise InvalidInput(
-                    f"A picture of the packing {self._sequence.packing} holds several colors: choose --kind video, or "
+                    f"A picture of the packing {self._sequence.packing} holds several colors. Choose --kind video, or "
                     "the packing time."
                 )
             (color,) = colors
             name = f"pictures_{color_names(self._wavelengths)[color]}.mkv"
         if picture.pixels.dtype != np.uint8:
             raise InvalidInput(
-                f"A video has levels of 8 bits, these have {picture.bits}: choose --kind png or raw, or the packing "
-                "that spreads them over red, green and blue."
+                f"A video has levels of 8 bits, got {picture.bits}. Choose --kind png or raw, or the packing that "
+                "spreads them over red, green and blue."
             )
         if name not in self._videos:
             height, width = picture.pixels.shape[:2]
@@ -103,12 +111,12 @@ class Videos:
         self._videos[name][0].add(picture.pixels)
 
     def close(self, finish: bool) -> None:
-        """End the files, or leave them as they are.
+        """Complete the files if `finish`, or abandon them.
 
         Raises
         ------
         OSError
-            If one cannot be ended.
+            If one cannot be completed.
         """
         with ExitStack() as stack:
             for video, _ in self._videos.values():
@@ -117,7 +125,7 @@ class Videos:
                 video.finish()
 
     def timing(self, pictures: int) -> dict[str, dict]:
-        """Of each video its color, its pictures and how long a hologram lasts; so many pictures are in all."""
+        """Color, number of pictures and duration of a hologram in each video, of `pictures` in total."""
         holograms = pictures / self._sequence.pictures_each
         return {
             name: {
@@ -135,7 +143,7 @@ class Videos:
 
 
 class _Video:
-    """A video that is being written; pictures are levels of 8 bits, or red, green and blue of each."""
+    """A video in writing, of pictures of 8 bits, gray or RGB."""
 
     def __init__(self, program, file, width, height, rate):
         self.pictures = 0
@@ -157,7 +165,7 @@ class _Video:
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(np.ascontiguousarray(rgb).data)
-        except OSError:  # it has ended, and says why
+        except OSError:  # ffmpeg has ended; `finish` raises its reason
             self.finish()
             raise
         self.pictures += 1

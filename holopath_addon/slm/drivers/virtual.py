@@ -1,4 +1,4 @@
-"""A simulated bench: an SLM that shows what it is sent, its optics, and a camera that can be focused."""
+"""A simulated bench: an SLM, its optics, and a camera with a focus."""
 
 from __future__ import annotations
 
@@ -25,27 +25,31 @@ if TYPE_CHECKING:
 
 
 class VirtualDriver:
-    """Takes levels, as a real SLM does, and makes of them what its camera sees.
+    """A driver of a simulated SLM, whose camera takes pictures of the reconstruction.
 
     Parameters
     ----------
     hologram : engine.PhaseHologram
-        That is shown: its pitch, wavelengths, volume and the light sources' strengths are the bench's.
+        The hologram to show. The bench has its pitch, wavelengths, volume and strengths of light sources.
     truth : Calibration, optional
-        What the SLM really does with its levels: the phases they give, how it is mirrored and shifted, and of its
-        panel what `Calibration.correction` would make flat. Default: even steps of one turn on the hologram's pixels,
-        of 8 bits or as many as the packing spreads.
+        True behavior of the SLM: the phases of its levels, mirroring and shift, and the error of the panel that
+        `Calibration.correction` compensates. Default: even steps of one turn on the hologram's pixels, of 8 bits or
+        those of the packing.
     modulator : engine.Modulator, optional
-        Fill factor, unmodulated light and crosstalk. Default: none.
+        Fill factor, unmodulated light and crosstalk. Default: an ideal modulator.
     packing : str
-        Of the pictures that it is sent, see `packing_of`.
+        Packing of the pictures, see `packing_of`.
     order : str
-        Of the channels, see `packing.pack`.
+        Order of the channels, see `packing.pack`.
 
     Attributes
     ----------
     focus : float
-        World depth in metres at which the camera looks; that of the volume's middle at first.
+        World depth of the camera's focus, meters; at first the center of the volume.
+
+    Raises
+    ------
+    engine.InvalidInput
     """
 
     def __init__(
@@ -58,13 +62,15 @@ class VirtualDriver:
     ) -> None:
         self._kind = packing_of(packing)
         if truth is None:
-            truth = Calibration() if self._kind.layout is None else Calibration(bits=self._kind.most_bits)
+            truth = Calibration() if self._kind.layout is None else Calibration(bits=self._kind.max_bits)
         elif self._kind.layout is not None:
             self._kind.require(truth.bits)
         self._hologram, self._truth = hologram, truth
         self._modulator, self._packing, self._order = modulator or Modulator(), packing, order
         if self._modulator.bits is not None:
-            raise InvalidInput("The bits of a virtual SLM are its calibration's.")
+            raise InvalidInput(
+                "A virtual SLM has its bits from the calibration. Omit those of the modulator."
+            )
         self._bare = replace(self._modulator, crosstalk=0.0)
         self._levels = {}  # by frame and wavelength
         self._mapping = DepthMapping.of(hologram.hologram, hologram.camera, hologram.near)
@@ -77,39 +83,39 @@ class VirtualDriver:
             "virtual", width * columns, height * rows, bits, channels=3, note="a simulated bench"
         )
 
-    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
-        """Nothing is to be opened; see `Driver`."""
+    def open(self, rate: float | None, on_picture: Callable[[int, str], None]) -> None:
+        """Do nothing; see `Driver`."""
 
     def show(self, number: int, picture: Picture) -> None:
-        """Show a picture: the camera sees it until its parts are shown anew, and averages what it sees."""
+        """Show a picture; see `Driver`. The camera averages over all parts, each as it was shown last."""
         shape = picture.pixels.shape
         if shape[:2] != (self.info.height, self.info.width):
             raise InvalidInput(
-                f"The picture has {shape[1]} x {shape[0]} pixels, the virtual SLM "
-                f"{self.info.width} x {self.info.height}."
+                f"Expected a picture of {self.info.width} x {self.info.height} pixels for the virtual SLM, got "
+                f"{shape[1]} x {shape[0]}."
             )
         if len(picture.parts) != self._kind.each:
             raise InvalidInput(
-                f"The picture holds {len(picture.parts)} holograms, the virtual SLM is one for the packing "
-                f"{self._packing}: give it that of the pictures."
+                f"The picture holds {len(picture.parts)} holograms, the packing {self._packing} of the virtual SLM "
+                f"{self._kind.each}. Use one packing for both."
             )
         levels = unpack(picture.pixels, self._packing, self._order)
         for part, level in zip(picture.parts, levels, strict=True):
             self._levels[part] = level.copy()
 
     def close(self, finish: bool = False) -> None:
-        """The camera still has what was shown."""
+        """Keep what was shown, for the camera; see `Driver`."""
 
     def focus_at(self, distance: float) -> None:
-        """Focus the camera at a distance from the SLM, metres, within or near the hologram's volume."""
+        """Focus the camera at a distance in meters from the SLM, within or near the hologram's volume."""
         self.focus = float(self._mapping.z_to_depth(distance))
 
     def expose(self) -> None:
-        """Forget what was shown before."""
+        """Start a new exposure: forget what was shown."""
         self._levels.clear()
 
     def capture(self) -> np.ndarray:
-        """The camera's picture at its focus: the mean over the frames shown, linear, shape (y, x, wavelength).
+        """Take a picture: linear intensity, averaged over the shown frames, shape (y, x, wavelength).
 
         Raises
         ------
@@ -117,23 +123,23 @@ class VirtualDriver:
             If nothing was shown.
         """
         if not self._levels:
-            raise InvalidInput("The virtual camera has seen nothing yet: stream a hologram first.")
+            raise InvalidInput("Nothing was shown to the virtual camera yet. Stream a hologram first.")
         hologram = self._hologram.hologram
         size = hologram.picture.height, hologram.picture.width
         picture = np.zeros((*size, len(hologram.wavelengths)), np.float32)
         levels, counts = dict(self._levels), np.zeros(len(hologram.wavelengths))
         for (_, k), level in levels.items():
-            picture[..., k] += self._seen(level, k)
+            picture[..., k] += self._intensity(level, k)
             counts[k] += 1
         return picture / np.maximum(counts, 1).astype(np.float32)
 
-    def _seen(self, level, k):
-        """Intensity at the focus of what one frame's levels make of one light source."""
+    def _intensity(self, level, k):
+        """Intensity at the focus for one frame's levels and one light source."""
         wavelength = self._hologram.hologram.wavelengths[k]
         hologram = self._hologram.hologram
         shape = hologram.height, hologram.width
-        # neighbors blur the panel's own phases, of any turn, not what is left of them modulo 2 pi
-        phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
+        # crosstalk blurs the panel's unwrapped phases, not those modulo 2 pi
+        phases = self._truth.shown_phases(level, wavelength, shape, self._modulator.shown)
         light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
         illumination = hologram.illumination(k)
         if illumination is not None:
@@ -141,13 +147,13 @@ class VirtualDriver:
         camera, near = self._hologram.camera, self._hologram.near
         if (
             hologram.optics.colors_apart or hologram.in_air is not hologram
-        ):  # pictures of all colors have one grid, which all decide
+        ):  # pictures of all colors share a grid that depends on all
             whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
             whole[0, k] = light
             return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
                 0, ..., k
             ]
-        # what is measured of the beam may be of all wavelengths
+        # a measured beam may cover all wavelengths
         alone = replace(hologram, wavelengths=(wavelength,), optics=replace(hologram.optics, beam=Beam()))
         field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]
