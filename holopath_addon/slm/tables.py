@@ -27,6 +27,8 @@ UNITS = {
 UNIT = re.compile(r"[(\[]([^)\]]*)[)\]]|\bin\s+([\wπ°]+)|\bunits?\b\s*[:=]?\s*([\wπ° ]+)")
 # Radians. A smaller span is ambiguous: it may be about one turn in units of turns or of pi
 MIN_CLEAR_SPAN = 4.0
+# A larger number without a unit is ambiguous: radians of many turns, or degrees of a quarter of one and more
+MAX_CLEAR = 90.0
 
 
 def read_response(path: Path | str) -> np.ndarray:
@@ -71,6 +73,13 @@ def read_response(path: Path | str) -> np.ndarray:
         )
     if unit is None:
         span = float(np.ptp(numbers))
+        largest = float(np.abs(numbers).max())
+        if MAX_CLEAR <= largest <= 2 * math.pi * MAX_TURNS:
+            _refuse(
+                path,
+                f"reaches {largest:.4g}, which may be radians or degrees. Name the unit in a first line: 'phase (rad)' "
+                "or 'phase (deg)'",
+            )
         binary = len(numbers) == 2 and abs(span - math.pi) < 0.01
         if span < MIN_CLEAR_SPAN and not binary:
             _refuse(

@@ -34,7 +34,7 @@ def test_a_photograph_is_read_from_its_files(backend, tmp_path):
     picture, depth = photograph.take(Scenes(), 32, tmp_path)
     distances = captures.read_depth(depth, "mm", None)
     options = captures.CaptureOptions(depth=str(depth), depth_unit="mm", fov=photograph.ANGLE)
-    made = captures.capture(picture, options).build((32, 32))
+    made = captures.open_capture(picture, options).build((32, 32))
     seen = engine.depth_map(made.scene, made.camera, 32, 32)
     assert distances.shape == seen.shape == (32, 32)
     assert np.median(np.abs(seen / distances - 1)) < 0.01

@@ -88,6 +88,7 @@ def test_a_binary_device(tmp_path):
         ("7", "no phases"),
         ("0 nan 5", "no phases"),
         ("0 100.5 200.5", "exceeds 20 turns"),
+        ("0 112.5", "reaches 112.5, which may be radians or degrees"),
         ("0,012\n0,049\n6,1", "does not count levels from 0"),
         ("0 " * 200000, "more than 65536"),
     ],
