@@ -21,7 +21,7 @@ def look(data, processes):
         try:
             found = meant.read()
         except engine.InvalidInput as error:
-            assert "\n" not in str(error) and ("--" in str(error) or "write" in str(error))
+            assert "\n" not in str(error) and ("--" in str(error) or "write" in str(error).lower())
             return str(error)
     truth, story = meant.truth, meant.story
     kind, shape = type(found), found.data.shape

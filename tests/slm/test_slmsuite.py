@@ -141,8 +141,8 @@ def test_streamed(found):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("unknown", "'pluto' is unknown: choose one of holoeye, .*simulated"),
-        ("two dots", "'a.b.c' is unknown"),
+        ("unknown", "Expected a device of slmsuite \\(holoeye, .*simulated\\), got 'pluto'"),
+        ("two dots", "Expected a device of slmsuite .*got 'a.b.c'"),
         ("no module", "nothing.SLM cannot be loaded"),
         ("no class", "simulated.Nothing cannot be loaded"),
         ("no options", "takes other options.*resolution"),

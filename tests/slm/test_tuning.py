@@ -206,7 +206,7 @@ def test_command(bench, tmp_path, monkeypatch, capsys):
     def stopped(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(slm.Bench, "look", stopped)
+    monkeypatch.setattr(slm.Bench, "capture_values", stopped)
     assert cli.main([*words, "--driver", "virtual", "--quiet"]) == 1
     assert capsys.readouterr().err == "holopath: Tuning was stopped.\n"
     again = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
