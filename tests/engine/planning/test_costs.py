@@ -32,7 +32,7 @@ def test_launches_are_foretold(backend, monkeypatch, unit):
             now += unit * len(part)
             made += 1
         monkeypatch.setattr(costs, "units_at_once", lambda most=most: most)
-        assert costs.launches(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
+        assert costs.launch_count(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
 
 
 def test_launches_of_many_units_from_the_first(backend, monkeypatch):
@@ -47,7 +47,7 @@ def test_launches_of_many_units_from_the_first(backend, monkeypatch):
             with pace():
                 left -= pace.together
             made += 1
-        assert costs.launches(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)
+        assert costs.launch_count(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)
 
 
 def test_memory_of_a_card_by_stage(build, camera, as_on_a_card):
@@ -111,9 +111,13 @@ def test_seconds_of_a_card(build, camera, small, as_on_a_card, monkeypatch):
         taken[free] = engine.plan(scene, camera, small, settings)
     large, few, tiny = taken.values()
     field, pixels = 8 * 128 * 128 * 4, 128 * 128 * 4
-    moved = pixels * costs.MOVE
-    assert large.stages["propagation"] == pytest.approx(0.01 * moved + 2 * costs.COPY * field)
+    moved = pixels * costs.PROPAGATION_SECONDS
+    assert large.stages["propagation"] == pytest.approx(
+        0.01 * moved + 2 * costs.COPY_SECONDS_PER_BYTE * field
+    )
     assert few.stages["propagation"] == large.stages["propagation"]
     assert tiny.stages["propagation"] == pytest.approx(moved)
-    assert large.phases["sgd"] == pytest.approx(0.01 * pixels * costs.SGD + 2 * costs.COPY * field / 2)
-    assert few.phases["sgd"] == tiny.phases["sgd"] == pytest.approx(pixels * costs.SGD)
+    assert large.phases["sgd"] == pytest.approx(
+        0.01 * pixels * costs.SGD_SECONDS + 2 * costs.COPY_SECONDS_PER_BYTE * field / 2
+    )
+    assert few.phases["sgd"] == tiny.phases["sgd"] == pytest.approx(pixels * costs.SGD_SECONDS)

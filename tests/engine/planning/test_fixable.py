@@ -28,8 +28,8 @@ def test_every_decision_can_be_taken_by_hand(build, camera):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("chain", "fixes no decision"),
-        ("chain=x", "fixes no decision"),
+        ("chain", "Expected NAME=NUMBER"),
+        ("chain=x", "Expected NAME=NUMBER"),
         ("chains=3", "There is no decision 'chains'"),
     ],
 )
@@ -40,5 +40,5 @@ def test_what_fixes_nothing(text, message):
 
 def test_out_of_range(build, camera, small):
     assert engine.parse_fixed("chain=4, passes=64") == {"chain": 4, "passes": 64}
-    with pytest.raises(engine.InvalidInput, match="whole number from 0 to 64, not 65"):
+    with pytest.raises(engine.InvalidInput, match="whole number from 0 to 64, got 65"):
         engine.plan(build.two_planes(build.emissive), camera, small, engine.Settings(fixed={"chain": 65}))

@@ -73,7 +73,7 @@ def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
     for taken, age, expected in (
         ((5, 2, 9), 0, (5, 2, 9)),
         ((1, 3, 1), 1, (5, 2, 9)),
-        ((1, 3, 1), machine.KEPT, (1, 2, 1)),
+        ((1, 3, 1), machine.MAX_AGE_SECONDS, (1, 2, 1)),
     ):
         monkeypatch.setattr(machine, "_measured", lambda library, taken=taken: Slowness(*taken))
         if age:

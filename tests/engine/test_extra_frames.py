@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.rendering import many
+from holopath_addon.engine.rendering import extra_frames
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from holopath_addon.engine.rendering import many
 )
 def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, clocked, sizes):
     """However many are traced at once; none is one of the field's own."""
-    monkeypatch.setattr(many, "AT_ONCE", most_bytes)
+    monkeypatch.setattr(extra_frames, "AT_ONCE", most_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=24, quality="preview", seed=1)
     view = build.two_planes(build.emissive), camera, hologram, settings
