@@ -29,7 +29,7 @@ CACHED_PASSES, TYPICAL_CACHED_PASSES = 4, 6  # minimum and typical paths a pixel
 TEXEL_NOISE_RATIO = 0.45  # noise of a texel's samples over that of as many random paths
 SMOOTHING_GROUPS = 600  # groups of texels over which light from other surfaces is averaged, typically
 MAX_BAKING_RATIO = (
-    0.8  # time of baking over that of paths of this view, for which light is baked: estimates are rough
+    0.8  # of the time of baking over that of paths, for which light is baked: estimates are rough
 )
 MIN_DIFFUSE_FRACTION = 0.1  # of the view, for which light is baked
 MAX_GRAY_CHROMA = 0.01  # difference of the channels over the radiance, below which they are one
@@ -53,15 +53,12 @@ def decide_diffuse_light(
     Decided of dict of str to float, or of None
         Seconds of the cache's stages; None without it.
     """
-    settings, diffuse, columns = survey.settings, survey.probe.diffuse, columns_of(survey, margin)
+    settings, columns = survey.settings, columns_of(survey, margin)
     if settings.method == "direct" or settings.max_depth < 2:
         return Decided(None)
     requested = settings.method == "fast"
-    if not requested and (
-        settings.method == "full" or settings.radiance == "ray" or diffuse < MIN_DIFFUSE_FRACTION
-    ):
-        by_view = settings.method != "full" and settings.radiance != "ray"
-        reason = f"only {diffuse:.0%} of the view is diffuse" if by_view else "as asked"
+    reason = "" if requested else _reason_for_paths(survey)
+    if reason:
         return Decided(None, (Decision("diffuse light", "paths of this view", reason),))
     rays = noise.estimated_rays(settings, survey.light)
     paths = costs.radiance_map_seconds(survey.light, survey.slowness, columns, *rays)
@@ -90,6 +87,14 @@ def decide_diffuse_light(
     saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
     value = "radiance cache" if bake else "paths of this view"
     return Decided(stages if bake else None, (Decision("diffuse light", value, comparison, saving),))
+
+
+def _reason_for_paths(survey):
+    """Reason for paths of this view without a comparison of times; empty where there is none."""
+    if survey.settings.method == "full" or survey.settings.radiance == "ray":
+        return "as asked"
+    diffuse = survey.probe.diffuse
+    return f"only {diffuse:.0%} of the view is diffuse" if diffuse < MIN_DIFFUSE_FRACTION else ""
 
 
 class _CacheCosts:

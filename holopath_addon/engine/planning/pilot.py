@@ -336,8 +336,10 @@ class Pilot:
         return _Starts(index, turn, slope, ray, depth_rate, branch)
 
     def _traced(self, starts, optics, tracer):
-        """Trace paths: all light of each, the light up to the first surface that lamps light, the light by vertices,
-        the cell that it meets, the reflectance there, and whether it is an emitter.
+        """Trace the paths of some starts.
+
+        Returns all light of each path, its light up to the first surface that lamps light, its light by vertices, the
+        cell that it meets, the reflectance there, and whether that is an emitter.
         """
         paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
         view = optics.view(self.scene, starts.ray, starts.branch, drawn=True)

@@ -28,7 +28,7 @@ NOTED = {
     "Ellipsoids": "Volumetric primitives (ellipsoids) are shown as solid surfaces.",
     "EllipsoidsMesh": "Volumetric primitives (ellipsoidsmesh) are shown as solid surfaces.",
 }
-# Radius over the scene's extent; on a graphics card a sphere of 1/30 loses nothing, one of 1/300 an eighth of its light.
+# Radius over the scene's extent; on a graphics card spheres of 1/30 lose nothing, and of 1/300 an eighth of the light.
 MIN_SPHERE_RADIUS = 1 / 100
 CURVE_END = 4  # control points of the last segment of a B-spline
 
@@ -72,8 +72,8 @@ def unmodeled_warnings(scene: mi.Scene) -> list[str]:
         small = [shape for shape in lamps if max(shape.bbox().extents()) < 2 * min_radius]
         if small:
             warnings.append(
-                f"On a graphics card Mitsuba's spheres are inexact where they are small beside the scene: {_named(small)} may "
-                "light too little. Use a 'point' emitter, a ball of triangles, or llvm_ad_rgb."
+                "On a graphics card Mitsuba's spheres are inexact where they are small beside the scene: "
+                f"{_named(small)} may light too little. Use a 'point' emitter, a ball of triangles, or llvm_ad_rgb."
             )
     if any(isinstance(part, mi.Medium) for part in parts):
         around = [part for part in parts if any(isinstance(inner, mi.Medium) for inner in nested_in(part))]

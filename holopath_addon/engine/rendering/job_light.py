@@ -40,13 +40,24 @@ class View(Protocol):
     """View of a frame."""
 
     @property
-    def scene(self) -> mi.Scene: ...
+    def scene(self) -> mi.Scene:
+        """Mitsuba's scene."""
+        ...
+
     @property
-    def camera(self) -> Camera: ...
+    def camera(self) -> Camera:
+        """Camera of the frame."""
+        ...
+
     @property
-    def hologram(self) -> Hologram: ...
+    def hologram(self) -> Hologram:
+        """Display."""
+        ...
+
     @property
-    def settings(self) -> Settings: ...
+    def settings(self) -> Settings:
+        """Settings as requested."""
+        ...
 
 
 class JobLight:
