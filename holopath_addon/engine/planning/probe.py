@@ -224,4 +224,5 @@ class Edges:
             nearer = column + (steps[row, column] > 0)
             behind = row, 2 * column + 1 - nearer
             found.append([depth[row, nearer], depth[behind], *(values[behind] for values in others)])
-        return cls(*(np.concatenate(values) for values in zip(*found, strict=True)), length)
+        front, behind, visible, images = (np.concatenate(values) for values in zip(*found, strict=True))
+        return cls(front, behind, visible, images, length)
