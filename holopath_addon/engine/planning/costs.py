@@ -200,8 +200,8 @@ class CostModel:
         Depth slabs of the radiance map, and its pupil bins along each axis.
     traversals : int
         Times that rays are traced: once for all wavelengths, or once for each.
-    baking : dict of str to float or None
-        `baking_seconds`; None without a radiance cache.
+    baking_seconds : dict of str to float or None
+        Result of `baking_seconds`; None without a radiance cache.
     """
 
     survey: Survey
@@ -210,7 +210,7 @@ class CostModel:
     slabs: int
     bins: int
     traversals: int
-    baking: dict[str, float] | None
+    baking_seconds: dict[str, float] | None
 
     @property
     def of_refine_batch(self) -> CostModel:
@@ -239,13 +239,13 @@ class CostModel:
         if settings.radiance == "ray":
             paths = pixels * (plain + chained) * settings.paths
             out["wave tracing"] += self.traversals * PATH_TIME_FRACTION * paths / light.paths_per_second
-        elif self.baking is None:
+        elif self.baking_seconds is None:
             columns = columns_of(survey, self.margin)
             out["radiance"] = self.traversals * radiance_map_seconds(
                 light, slowness, columns, *estimated_rays(settings, light)
             )
         else:
-            out |= self.baking
+            out |= self.baking_seconds
         if settings.despeckle:
             targets = despeckle.BATCHES * SETS[-1]
             steps = targets * DESPECKLE_FRAME_SECONDS + frames * settings.despeckle * DESPECKLE_STEP_SECONDS
@@ -380,7 +380,11 @@ class CostModel:
         cells = CELLS_PER_COLUMN * (1 + (self.bins**2 - 1) * survey.probe.binned) * CELL_BYTES
         columns = 0 if survey.settings.radiance == "ray" else columns_of(survey, self.margin)
         radiance = columns * ((16 * self.slabs << survey.chains.splits) + cells)
-        texels = 0 if self.baking is None else min(pixels * TEXELS_PER_PIXEL, MAX_ATLAS_TEXELS) * TEXEL_BYTES
+        texels = (
+            0
+            if self.baking_seconds is None
+            else min(pixels * TEXELS_PER_PIXEL, MAX_ATLAS_TEXELS) * TEXEL_BYTES
+        )
         return tables + radiance + texels
 
     def _field_bytes(self):

@@ -144,7 +144,7 @@ def _plan_survey(
         slabs=slabs,
         bins=bins,
         traversals=traversals,
-        baking=baking.value,
+        baking_seconds=baking.value,
     )
     free_bytes = _free_card_bytes()
     chunk = decide_chunk(settings, free_bytes)
