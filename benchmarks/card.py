@@ -124,7 +124,7 @@ def _torch_step(made):
         spectra = torch.fft.fft2(torch.exp(1j * phases), s=views.padded)
         loss = torch.zeros((), device=on.device)
         for number in chosen:
-            rows, columns = views.wanted[number].shape
+            rows, columns = views.targets[number].shape
             waves = views.waves(spectra, number)[:, :rows, :columns]
             image = (waves.real**2 + waves.imag**2).mean(0)
             loss = loss + (torch.sqrt(image + 1e-12) - 1).square().sum()

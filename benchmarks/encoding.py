@@ -397,7 +397,7 @@ def cost(sizes=SIZES):
             views.add(fields)
             phases = Phases(np.angle(fields), threads)
             target = ComplexTarget(fields, True, threads)
-            seen = descent.Seen(phases.light, views, 1.0)
+            seen = descent.ViewLosses(phases.light, views, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
                 for kind, numbers in views.kinds

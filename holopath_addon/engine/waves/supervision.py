@@ -22,7 +22,7 @@ DARK = 0.05  # of the mean intensity, added where errors are divided by the inte
 
 
 @dataclass(frozen=True)
-class TargetPicture:
+class TargetImage:
     """One picture that the fields are judged by.
 
     Attributes
@@ -84,7 +84,7 @@ def relative(target: Array) -> Array:
 
 def supervise(
     spectra: Sequence[Array],
-    pictures: Sequence[TargetPicture],
+    pictures: Sequence[TargetImage],
     energy: float,
     stages: dict[int, float],
     threads: Frames,
@@ -100,7 +100,7 @@ def supervise(
     ----------
     spectra : sequence of array, complex64, shape (y, x)
         U_n = FFT of each frame's field, cut to the recordable band.
-    pictures : sequence of TargetPicture
+    pictures : sequence of TargetImage
     energy : float
         Sum over pixels of the intensity of a field whose pictures are the targets.
     stages : dict of int to float

@@ -18,9 +18,9 @@ from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarge
 from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves.display_model import DisplayModel
-from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.target_images import TargetImages, Viewpoint
 from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Encoding
 
@@ -138,9 +138,9 @@ def test_gradient_against_finite_differences(library, kind, threads):
     made = library.asarray
     start = rng.uniform(0, 2 * np.pi, fields.shape)
     if kind == "frame mean":
-        vantages = [Vantage(2e-3), Vantage(-1e-3, (0.1, -0.05, 0.2))]
+        viewpoints = [Viewpoint(2e-3), Viewpoint(-1e-3, (0.1, -0.05, 0.2))]
         whole = made(fields.astype(np.complex64))
-        pictures = Pictures(fields.shape[-2:], PITCH, GREEN, vantages, on=whole)
+        pictures = TargetImages(fields.shape[-2:], PITCH, GREEN, viewpoints, on=whole)
         pictures.add(whole)
         mean = FrameMean(pictures, 1.3, threads)
 
@@ -159,7 +159,7 @@ def test_gradient_against_finite_differences(library, kind, threads):
         views.add(whole)
 
         def gradient(light):
-            seen = descent.Seen(light, views, 1.0)
+            seen = descent.ViewLosses(light, views, 1.0)
             seen.gain = 1.3
             back = seen.gradient(light, chosen)
             return sum(share * seen.losses[n] for n, share in chosen), back, np.ones(3)
@@ -364,7 +364,7 @@ def test_how_bright_the_field_is_does_not_matter(scale):
 def test_frames_that_are_dark_in_a_group(monkeypatch):
     data = band_limited((32, 32), frames=3)
     data[1] = 0
-    monkeypatch.setattr(encoder, "MOST_BYTES", 32 * 32 * encoder.BYTES["sgd"])
+    monkeypatch.setattr(encoder, "MAX_BYTES", 32 * 32 * encoder.BYTES["sgd"])
     phase = engine.encode(wave_field(data), "sgd", max_steps=9)
     assert [stage["steps"] for stage in phase.report["stages"]] == [9, 9]
     assert np.isfinite(phase.data).all() and phase.gains[0] > 0
@@ -396,14 +396,14 @@ def test_what_does_not_fit():
     for options, says in (
         ({"method": "magic"}, "encoding 'magic'"),
         ({"supervision": "hope"}, "supervision 'hope'"),
-        ({"start": "nothing"}, "start of an encoding 'nothing'"),
+        ({"start": "nothing"}, "the start 'nothing'"),
         ({"bits": 0}, "1 to 16 bits"),
         ({"compared_planes": 0}, "1 to 64 planes"),
         ({"method": "refine", "many": many(field.data), "seconds": 0}, "more than 0"),
-        ({"tolerance": 2}, "share"),
+        ({"tolerance": 2}, "tolerance"),
         ({"max_steps": 0}, "one step"),
-        ({"method": "refine"}, "needs the scene"),
-        ({"start": 3}, "starts with"),
+        ({"method": "refine"}, "needs extra frames of the scene"),
+        ({"start": 3}, "the start 'arg', 'dpac' or a PhaseHologram, got int"),
         ({"method": "joint", "aperture": False}, "only sgd"),
     ):
         with pytest.raises(engine.InvalidInput, match=says):
@@ -463,7 +463,7 @@ def test_frames_that_do_not_fit_into_memory(monkeypatch):
     field = wave_field(band_limited((48, 48), frames=4))
     whole = engine.encode(field, "joint", max_steps=30)
     padded = Views((48, 48), PITCH, GREEN, -2e-3, 2e-3, 4, 0).padded
-    monkeypatch.setattr(encoder, "MOST_BYTES", 2 * padded[0] * padded[1] * encoder.BYTES["together"])
+    monkeypatch.setattr(encoder, "MAX_BYTES", 2 * padded[0] * padded[1] * encoder.BYTES["together"])
     parts = engine.encode(field, "joint", max_steps=30)
     stages = [stage["stage"] for stage in parts.report["stages"]]
     assert stages.count("joint") == 2 and stages.count("sgd") <= 2
@@ -621,9 +621,9 @@ def test_phases_begin_as_random_as_they_should():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"randomness": 1.5}, "randomness of an encoding is from 0 to 1"),
-        ({"eyebox": -0.1}, "eyebox of an encoding is from 0 to 1"),
-        ({"method": "sgd", "randomness": 0.2}, "sgd begins with the field's phases"),
+        ({"randomness": 1.5}, "randomness from 0 to 1"),
+        ({"eyebox": -0.1}, "eyebox from 0 to 1"),
+        ({"method": "sgd", "randomness": 0.2}, "sgd starts with the field's phases"),
     ],
 )
 def test_randomness_and_eyebox_that_do_not_fit(options, words):
@@ -642,7 +642,7 @@ def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
     data = smooth(3, shape=(32, 32))  # which is what they should be like
     field = wave_field(data)
     before = engine.encode(field, "sgd", max_steps=1)
-    monkeypatch.setattr(descent, "LONGEST", 50.0)
+    monkeypatch.setattr(descent, "MAX_STEP", 50.0)
     after = engine.encode(field, "refine", many=many(data), max_steps=1)
     np.testing.assert_allclose(np.exp(1j * after.data), np.exp(1j * before.data), atol=1e-5)
 
@@ -663,7 +663,7 @@ def test_refinement_takes_the_seconds_that_it_is_given(clock, monkeypatch, bits)
     field, seconds = wave_field(np.concatenate([smooth(2, n, (32, 32)) for n in (0, 5)], axis=1)), 0.6
     more = np.concatenate([smooth(24, n, (32, 32)) for n in (1, 6)], axis=1)
     # which knows that views take longer than a step: not by this clock
-    monkeypatch.setattr(encoder._Work, "_worth", lambda *_: True)
+    monkeypatch.setattr(encoder._Joint, "_is_worthwhile", lambda *_: True)
     begun = clock.perf_counter()
     phase = engine.encode(field, "refine", many=many(more, 8), seconds=seconds, bits=bits, max_steps=10**9)
     assert 0.8 * seconds < clock.perf_counter() - begun < 1.2 * seconds
@@ -685,7 +685,7 @@ def test_frames_that_are_not_there_in_time_are_done_without(clock):
     phase = engine.encode(field, "refine", many=endless, seconds=2)
     assert clock.perf_counter() - begun < 2.4
     sgd, traced, refined = phase.report["stages"]
-    assert traced["frames"] == 0 and 0.4 < traced["seconds"] < 1.4 and refined["steps"] >= encoder.LEAST_STEPS
+    assert traced["frames"] == 0 and 0.4 < traced["seconds"] < 1.4 and refined["steps"] >= encoder.MIN_STEPS
     assert refined["psnr_db"] > sgd["psnr_db"] + 2
 
 
@@ -695,7 +695,7 @@ def test_time_that_is_too_short_for_all_views_is_each_frame_s(clock, monkeypatch
     field, seconds = wave_field(np.concatenate([smooth(2, n, (96, 96)) for n in (0, 5)], axis=1)), 1.2
     enough = engine.encode(field, "joint", seconds=seconds, bits=bits, max_steps=100)  # of it all, 60 each
     assert sum(each["seconds"] for each in enough.report["stages"] if each["stage"] == "sgd") < 0.2 * seconds
-    monkeypatch.setattr(encoder, "LEAST_STEPS", 10**9)
+    monkeypatch.setattr(encoder, "MIN_STEPS", 10**9)
     begun = clock.perf_counter()
     phase = engine.encode(field, "joint", seconds=seconds, bits=bits, tolerance=0)
     assert 0.8 * seconds < clock.perf_counter() - begun < 1.2 * seconds
@@ -780,7 +780,7 @@ def test_refinement_that_is_stopped_keeps_its_best_round():
 def test_frames_that_are_refined_in_groups(monkeypatch):
     field, more = wave_field(smooth(4, shape=(32, 32))), many(smooth(24, 1, (32, 32)))
     padded = Views((32, 32), PITCH, GREEN, 1e-3, 2e-3, 4, 0).padded
-    monkeypatch.setattr(encoder, "MOST_BYTES", 2 * math.prod(padded) * encoder.BYTES["together"])
+    monkeypatch.setattr(encoder, "MAX_BYTES", 2 * math.prod(padded) * encoder.BYTES["together"])
     phase = engine.encode(field, "refine", many=more, max_steps=60)
     stages = phase.report["stages"][-2:]
     assert [stage["stage"] for stage in stages] == ["refine", "refine"]
@@ -811,12 +811,12 @@ def test_whole_views_are_pictures_where_colors_lie_apart(monkeypatch):
     views = Views(shape, raster.pitch, GREEN, 1e-3, 2e-3, frames=2, seed=3, eyebox=0, places=places)
     views.add(field.data[:, 0])
     seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
-    error = views.wanted[views.kinds[0][1][0]] - seen
+    error = views.targets[views.kinds[0][1][0]] - seen
     assert np.sqrt((error**2).mean()) < 0.1 * seen.mean()  # edges have other bins
 
 
 def test_views_are_those_of_a_field(monkeypatch):
-    """Whole ones as `reconstruct` shows them, parts as `Pictures` at every second or fourth pixel."""
+    """Whole ones as `reconstruct` shows them, parts as `TargetImages` at every second or fourth pixel."""
     monkeypatch.setattr(
         views_module, "TEACHING_GUARD", 0
     )  # the grid of a field that has not been through an SLM
@@ -827,12 +827,12 @@ def test_views_are_those_of_a_field(monkeypatch):
         for m in range(3):
             views.add(field.data[m : m + 1, 0])
     seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
-    np.testing.assert_allclose(views.wanted[views.kinds[0][1][0]], seen, atol=3e-3 * seen.max())
+    np.testing.assert_allclose(views.targets[views.kinds[0][1][0]], seen, atol=3e-3 * seen.max())
     for (_, numbers), apart in zip(views.kinds[1:], (2, 4), strict=True):
-        pictures = Pictures(shape, PITCH, GREEN, [views.vantages[n] for n in numbers])
+        pictures = TargetImages(shape, PITCH, GREEN, [views.viewpoints[n] for n in numbers])
         pictures.add(field.data[:, 0])
-        for number, wanted in zip(numbers, pictures.wanted, strict=True):
-            error = views.wanted[number] - wanted[::apart, ::apart]
+        for number, wanted in zip(numbers, pictures.targets, strict=True):
+            error = views.targets[number] - wanted[::apart, ::apart]
             assert np.sqrt((error**2).mean()) < 0.2 * wanted.mean()  # their edges have other bins
 
 
@@ -842,7 +842,7 @@ def test_parts_of_the_pupil_that_are_looked_through_lie_all_over_it(frames, each
     views = Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, frames, seed=3)
     for (_, numbers), radius, count in zip(views.kinds[1:], (0.25, 0.125), each, strict=True):
         assert len(numbers) == count * len(views.kinds[0][1])
-        parts = np.array([views.vantages[n].part for n in numbers])
+        parts = np.array([views.viewpoints[n].part for n in numbers])
         assert (parts[:, 2] == radius).all()
         middles, room = parts[:, :2], 0.5 - radius
         assert np.hypot(*middles.T).max() <= room
@@ -856,11 +856,11 @@ def test_light_that_passes_beside_the_slm_is_made_up_for():
     radius = math.tan(math.asin(GREEN / (2 * PITCH))) * 4e-3 / PITCH
     edge = 1 / 2 + 1 / (math.pi * radius)
     corner = 1 / 4 + 1 / (math.pi * radius) + 1 / (4 * math.pi * radius**2)
-    for wanted in views.wanted:
+    for wanted in views.targets:
         wanted[:] = 1
     views.unvignette()
     for _, numbers in views.kinds:
-        farthest = views.wanted[numbers[-1]]
+        farthest = views.targets[numbers[-1]]
         middle = len(farthest) // 2
         assert farthest[middle, middle] == pytest.approx(1, rel=1e-5)
         assert farthest[0, middle] == pytest.approx(1 / edge, rel=0.02)
@@ -891,19 +891,19 @@ def test_refined_pictures_have_no_dark_border():
 def test_pictures_count_frames_as_they_come():
     """One by one or together, and as `reconstruct` shows them."""
     field = wave_field(band_limited((40, 56), frames=3))
-    vantages = [Vantage(1e-3), Vantage(2e-3, (0.1, 0.05, 0.2))]
-    together, single = (Pictures((40, 56), PITCH, GREEN, vantages) for _ in range(2))
+    viewpoints = [Viewpoint(1e-3), Viewpoint(2e-3, (0.1, 0.05, 0.2))]
+    together, single = (TargetImages((40, 56), PITCH, GREEN, viewpoints) for _ in range(2))
     together.add(field.data[:, 0])
     for m in range(3):
         single.add(field.data[m : m + 1, 0])
-    np.testing.assert_allclose(single.wanted, together.wanted, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(single.targets, together.targets, rtol=1e-4, atol=1e-5)
     assert single.energy == pytest.approx(together.energy, rel=1e-5)
     seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
-    np.testing.assert_allclose(together.wanted[0], seen, atol=2e-3 * seen.max())
+    np.testing.assert_allclose(together.targets[0], seen, atol=2e-3 * seen.max())
     radius = field.mapping.pupil_radius(field.hologram.max_slope(GREEN))
     pupil = engine.Pupil(0.2 * radius, -0.1 * radius, 0.8 * radius)
     seen = engine.reconstruct(field, [field.near], pupil)[0, ..., 0]
-    np.testing.assert_allclose(together.wanted[1], seen, atol=0.02 * seen.max())
+    np.testing.assert_allclose(together.targets[1], seen, atol=0.02 * seen.max())
 
 
 def test_a_hologram_that_is_loaded_is_encoded_on(tmp_path):

@@ -103,7 +103,7 @@ def test_phases_of_one_bit_are_black_and_white(speckle):
 
 def test_what_cannot_be_printed(speckle):
     on_axis = field_of(speckle.data[0, 0], engine.Optics())
-    with pytest.raises(engine.InvalidInput, match="picture and its twin lie on each other"):
+    with pytest.raises(engine.InvalidInput, match="image and its twin overlap"):
         engine.interference(on_axis)
     with pytest.raises(engine.InvalidInput, match="no light in this frame"):
         engine.interference(field_of(np.zeros(SHAPE), QUARTER))

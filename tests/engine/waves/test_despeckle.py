@@ -29,7 +29,7 @@ def test_slopes_against_finite_differences(library):
         weight = rng.random((n, n), dtype=np.float32) / n**2
         weight[-5:] = 0
         transfer = (gain * band * np.exp(2j * math.pi * rng.random((n, n)))).astype(np.complex64)
-        views.append(supervision.TargetPicture(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
+        views.append(supervision.TargetImage(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
 
     def loss(spectra):
         value = 0.0
@@ -44,7 +44,7 @@ def test_slopes_against_finite_differences(library):
         return value
 
     made = [library.asarray(each) for each in spectra]
-    seen = [supervision.TargetPicture(*map(library.asarray, vars(view).values())) for view in views]
+    seen = [supervision.TargetImage(*map(library.asarray, vars(view).values())) for view in views]
     with supervision.Frames() as threads:
         _, gradient = supervision.supervise(made, seen, energy, stages, threads)
     gradient = np.asarray(gradient)

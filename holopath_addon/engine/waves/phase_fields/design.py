@@ -21,7 +21,7 @@ import scipy.fft
 
 from ...errors import InvalidInput
 from ..propagation import circular_band
-from ..supervision import Adam, Frames, TargetPicture, relative, supervise
+from ..supervision import Adam, Frames, TargetImage, relative, supervise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -202,7 +202,7 @@ def _invented(rng, size, reach, plane):
     return layers, pictures
 
 
-def incoherent_target(optics: MapOptics, layers: list, picture: DefocusedView) -> TargetPicture:
+def incoherent_target(optics: MapOptics, layers: list, picture: DefocusedView) -> TargetImage:
     """The picture of layers in incoherent light: each one's intensity, blurred by the intensity of its kernel.
 
     Errors are divided by the intensity, as in the variance of a root, so that independent frames have the loss 1/m.
@@ -214,7 +214,7 @@ def incoherent_target(optics: MapOptics, layers: list, picture: DefocusedView) -
         target = target + scipy.fft.ifft2(scipy.fft.fft2(layer.amplitude**2) * blur).real
     target = np.maximum(target, 0)
     transfer = optics.transfer(picture.defocus, picture.pupil)
-    return TargetPicture(transfer, target, picture.speckle * relative(target))
+    return TargetImage(transfer, target, picture.speckle * relative(target))
 
 
 class Design:
