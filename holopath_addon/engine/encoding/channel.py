@@ -114,7 +114,7 @@ class Channel:
 
     def propagate(self, fields: Array) -> Array:
         """Propagate fields from the SLM to where light is compared."""
-        return fields if self._lens is None else self._lens.there(fields)
+        return fields if self._lens is None else self._lens.propagate(fields)
 
     def _pad(self, fields):
         """Add the guard band, dark."""
@@ -190,7 +190,7 @@ class Channel:
         if self._lens is None:
             waves *= self._aimed_waves()
         else:
-            waves = self._lens.back(waves * spread_waves(frames, (rows, columns)))
+            waves = self._lens.adjoint(waves * spread_waves(frames, (rows, columns)))
         waves = transmission(arrays.like(waves, self._field.data), self._beam)
         # around half a turn, as displays blur phases across the ends of a turn
         self.phases[...] = math.pi + arrays.angle(waves)

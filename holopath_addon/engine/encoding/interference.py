@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..waves.arrays import Array
 
 # Amplitude of the reference wave as a percentile of the field's amplitudes. A weaker one leaves more of the halo,
-# abs(v)^2, within the stop; the zero order of a stronger one reaches it from the borders of the print. demo:suzanne, 256
-# pixels, stop of radius 0.48 at 0.5: within 0.1 dB of the best of 1 to 30 times the root mean square.
+# abs(v)^2, within the stop; the zero order of a stronger one reaches it from the borders of the print. demo:suzanne,
+# 256 pixels, stop of radius 0.48 at 0.5: within 0.1 dB of the best of 1 to 30 times the root mean square.
 REFERENCE = 99.9
 
 

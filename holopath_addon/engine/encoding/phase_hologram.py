@@ -17,7 +17,7 @@ from ..optics import BEAM_FILE, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves import arrays
-from ..waves.modulator import Modulator, grey_levels, wrapped
+from ..waves.modulator import Modulator, gray_levels, wrapped
 from .shown_light import ShownLight
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class PhaseHologram:
             self.hologram.optics.save(part)
             for m, frame in enumerate(data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
-                    mi.Bitmap(grey_levels(phases).astype(np.uint8)).write(str(part / name))
+                    mi.Bitmap(gray_levels(phases).astype(np.uint8)).write(str(part / name))
                 progress((m + 1) / len(data), "Writing the hologram")
             meta = {
                 "format_version": FORMAT_VERSION,

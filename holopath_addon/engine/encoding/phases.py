@@ -85,7 +85,7 @@ class Phases:
         if display is not None:
             return self._stack(lambda frame: display.light(self._frame(frame)))
         light = self._xp.reshape(self._light, self._shape)
-        return light if lens is None else self._stack(lambda frame: lens.there(light[frame, ...]))
+        return light if lens is None else self._stack(lambda frame: lens.propagate(light[frame, ...]))
 
     def _stack(self, work):
         """Stack of the results of a function of the frame's index."""
@@ -185,7 +185,7 @@ class Phases:
         """G and factors with respect to exp(i phase), from those with respect to `light`."""
         display, lens = self._display, self._lens
         if lens is not None:
-            return self._stack(lambda frame: lens.back(back[frame, ...])), factors
+            return self._stack(lambda frame: lens.adjoint(back[frame, ...])), factors
         if display is None:
             return back, factors
         light = self._xp.reshape(self._light, self._shape)

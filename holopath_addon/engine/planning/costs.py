@@ -17,8 +17,8 @@ from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
-from ..waves.phase_fields import MOST_FRAMES, SETS
-from ..waves.propagation import TEACHING_GUARD, grid_bytes, moving_bytes, padded_shape
+from ..waves.phase_fields import MAX_FRAMES, SETS
+from ..waves.propagation import TEACHING_GUARD, grid_bytes, padded_shape, stack_bytes
 from ..waves.target_images import MAX_TRANSFER_BYTES
 from .noise import likely
 from .planes import columns_of, mean_rays
@@ -260,7 +260,7 @@ def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MAX_
 def refine_batch(survey: Survey) -> Survey:
     """Survey of a render of as many frames as `refine` traces at once."""
     pixels, _, colours = _numbers(survey)
-    frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MOST_FRAMES)
+    frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MAX_FRAMES)
     return replace(survey, settings=replace(survey.settings, frames=frames, despeckle=0))
 
 
@@ -346,7 +346,7 @@ def _moving(survey, frames):
     hologram, farthest = survey.hologram, max(abs(survey.z_low), abs(survey.z_high))
     size = hologram.height, hologram.width
     grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
-    return moving_bytes(grid, frames)
+    return stack_bytes(grid, frames)
 
 
 def _numbers(survey):

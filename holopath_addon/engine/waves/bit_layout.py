@@ -71,7 +71,7 @@ class BitLayout:
             picture |= table[levels]
         return picture
 
-    def gathered(self, picture: np.ndarray) -> list[np.ndarray]:
+    def gather(self, picture: np.ndarray) -> list[np.ndarray]:
         """The levels in a picture, uint8 or uint16; bits that the layout does not name do not count, as on a panel."""
         kind, values = np.uint8 if self.bits <= 8 else np.uint16, np.arange(256)
         found = []

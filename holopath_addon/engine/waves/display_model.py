@@ -41,7 +41,7 @@ GUARD = 24  # pixels around the SLM for the stop's diffraction, see `padded_shap
 NODES = math.sqrt(3) / 2 * np.array([-1.0, 0.0, 1.0])  # of the field, Chebyshev's: aberrations are a parabola
 ALONG = 3  # of the aberrations, the first, change over the field
 FLAT = 0.7  # of half a padded side: as far the light of the stop's edge is exact, see `_stop`
-LEAST_CROSSTALK = 0.15  # pixels: less, but for none, is not sampled within a pixel
+MIN_CROSSTALK = 0.15  # pixels: less, but for none, is not sampled within a pixel
 DARK = 1e-4  # what the stop lets through that is not worth computing
 
 COUNTS = {"position": 2, "tilt": 2, "aberrations": 8, "across": ALONG, "down": ALONG}
@@ -129,10 +129,10 @@ class DisplayModel:
         """
         named = {name: tuple(said[name]) for name in COUNTS if name in said}
         named |= {name: float(said[name]) for name in ("falloff", "size", "crosstalk") if name in said}
-        if 0 < named.get("crosstalk", 0.0) < LEAST_CROSSTALK:
+        if 0 < named.get("crosstalk", 0.0) < MIN_CROSSTALK:
             raise InvalidInput(
                 f"Crosstalk of {named['crosstalk']:g} pixels is too short to be computed: "
-                f"let the display model have 0, or {LEAST_CROSSTALK:g} and more."
+                f"let the display model have 0, or {MIN_CROSSTALK:g} and more."
             )
         real, imaginary = said.get("unmodulated", (0, 0))
         return cls(

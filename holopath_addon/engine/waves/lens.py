@@ -81,7 +81,7 @@ class Collins:
         """Rows and columns of the first plane whose light counts."""
         return tuple(axis.used for axis in self._axes)
 
-    def there(self, fields: Array) -> Array:
+    def propagate(self, fields: Array) -> Array:
         """Fields on the other plane.
 
         Parameters
@@ -96,10 +96,10 @@ class Collins:
             fields = axis.there(fields, place)
         return fields
 
-    def back(self, fields: Array) -> Array:
-        """The adjoint of `there`: fields on the first plane, whose light on the other is what can be sent there."""
+    def adjoint(self, fields: Array) -> Array:
+        """The adjoint of `propagate`: fields on the first plane, whose light on the other is what can be sent there."""
         for axis, place in zip(self._axes, (-2, -1), strict=True):
-            fields = axis.back(fields, place)
+            fields = axis.adjoint(fields, place)
         return fields
 
 
@@ -137,12 +137,12 @@ class _Axis:
             self._chirp = (math.sqrt(size) * chirp).astype(np.complex64)
         self._ends = [phasor(turns).astype(np.complex64) for turns in (first, last)]
 
-    def there(self, fields, place):
+    def propagate(self, fields, place):
         xp, (first, last) = arrays.namespace(fields), self._ends
         fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], first, last, self._mirrored)
         return xp.moveaxis(fields, -1, place)
 
-    def back(self, fields, place):
+    def adjoint(self, fields, place):
         xp, (first, last) = arrays.namespace(fields), self._ends
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
         fields = self._along(xp.moveaxis(fields, place, -1), last, first, not self._mirrored)

@@ -36,7 +36,7 @@ RAN_OUT = (
 )
 
 
-def chosen() -> tuple[str, str]:
+def choose() -> tuple[str, str]:
     """Library that waves and phases are computed by, with the backend that is set.
 
     It is NumPy but for CUDA, where it is one of `ON_CARDS`, whichever is installed. `HOLOPATH_ARRAYS` names another.
@@ -94,13 +94,13 @@ def advice(why: str = "") -> str:
     return f"Waves and phases are computed by the processor, as {why}: {cure}."
 
 
-def described() -> str:
+def describe() -> str:
     """What would compute waves and phases on a card, a sentence; nothing is loaded for that."""
     found = installed()
     return f"Waves and phases are computed on the card by {ON_CARDS[found[0]]}." if found else advice()
 
 
-def beginning(name: str) -> Array:
+def empty_array(name: str) -> Array:
     """An empty array of a library, where it is to compute; NumPy's where the library cannot be used."""
     if name == NUMPY or _problem(name, _device()):
         return PROCESSOR
@@ -110,7 +110,7 @@ def beginning(name: str) -> Array:
 
 
 def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) -> tuple[Result, str]:
-    """Work on some numbers by the library of `chosen`, or on the processor where the card's memory does not suffice.
+    """Work on some numbers by the library of `choose`, or on the processor where the card's memory does not suffice.
 
     Parameters
     ----------
@@ -130,9 +130,9 @@ def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) ->
     Raises
     ------
     InvalidInput
-        As `chosen`, and what the work raises.
+        As `choose`, and what the work raises.
     """
-    on = beginning(chosen()[0])
+    on = empty_array(choose()[0])
     memory = on_card(on)
     if isinstance(on, np.ndarray) or (memory and memory[1] < needed):
         return work(data), ""

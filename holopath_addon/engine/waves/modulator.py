@@ -65,7 +65,7 @@ class Modulator:
         """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
         phases = arrays.as_type(arrays.known(phases), "float32")
         if self.bits is not None:
-            levels = arrays.as_type(grey_levels(phases, self.bits), "float64")
+            levels = arrays.as_type(gray_levels(phases, self.bits), "float64")
             phases = arrays.as_type(levels * (2 * math.pi / 2**self.bits), "float32")
         return self._blurred(phases) if self.crosstalk else phases
 
@@ -144,7 +144,7 @@ class Levels:
         turn = given[kept] if np.ptp(given[kept]) < 2 * math.pi else self.phases
         object.__setattr__(self, "_ends", (float(turn.min()), float(turn.max())))
         if self.variation is not None:
-            object.__setattr__(self, "variation", varying(self.variation))
+            object.__setattr__(self, "variation", check_variation(self.variation))
         if self.correction is not None:
             correction = np.mod(np.asarray(self.correction, float), 2 * math.pi)
             object.__setattr__(self, "correction", correction.astype(np.float32))
@@ -278,7 +278,7 @@ def one_turn(phases: np.ndarray, min_levels: int = MIN_LEVELS) -> np.ndarray:
     return kept if np.count_nonzero(kept) >= min_levels else np.ones(len(phases), bool)
 
 
-def varying(variation: np.ndarray) -> np.ndarray:
+def check_variation(variation: np.ndarray) -> np.ndarray:
     """A map of how many times a step each pixel makes, float32, see `Levels`.
 
     Raises
@@ -302,7 +302,7 @@ def wrapped(phases: Array) -> Array:
     return xp.where(phases < turn, phases, 0.0)  # the largest float below a turn is rounded to it
 
 
-def grey_levels(phases: Array, bits: int = 8) -> Array:
+def gray_levels(phases: Array, bits: int = 8) -> Array:
     """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
     levels = arrays.namespace(phases).round(phases * (2**bits / (2 * math.pi)))
     return arrays.as_type(levels, "int32") % 2**bits

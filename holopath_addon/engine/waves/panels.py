@@ -11,7 +11,7 @@ from ..errors import InvalidInput
 from ..optics import COLORS
 from ..pixels import beyond, coarsest, frequencies
 from . import arrays
-from .propagation import carrier, commensurate, moved, padded_shape, transfer_function
+from .propagation import carrier, commensurate, padded_shape, propagate_stack, transfer_function
 
 if TYPE_CHECKING:
     from ..optics import Optics
@@ -56,6 +56,6 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
         fy, fx = frequencies(padded, pitch)
         edge = 0.5 * coarsest(pitch) / coarsest(after.pitch_at(wavelength))
         transfer *= arrays.mask(np.hypot(fy[:, None], fx) <= edge, data)
-        for m, wave in enumerate(moved(field.data[:, k, ...], transfer, lines)):
+        for m, wave in enumerate(propagate_stack(field.data[:, k, ...], transfer, lines)):
             data[m, k, ...] = wave
     return replace(field, data=data, hologram=after, more=None)

@@ -20,7 +20,7 @@ from . import arrays
 from .arrays import PROCESSOR, Array
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
-MOVING = 1 / 16  # of the machine's memory, at most, that fields take that are moved at once
+MOVING = 1 / 16  # of the machine's memory, at most, that fields take that are propagate_stack at once
 # Pixels around light of a modulator, which strays beyond the walk of its steepest waves, so that little of it comes
 # round on the grid: where light teaches phases, and where it is judged. What is left falls slowly, as band limits are
 # sharp. Of random phases at 256 x 256 it is 2e-3 of the energy without a guard band, 5e-4 and 1.6e-4 with these.
@@ -99,7 +99,7 @@ def transfer_function(
     return transfer
 
 
-def lag(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
+def phase_retardation(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
     fy, fx = (wavelength * scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
     u = fx[None, :] ** 2 + fy[:, None] ** 2  # squares of sines
@@ -132,12 +132,12 @@ class FreeSpace:
     ) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
         self.band = circular_band(shape, pitch) if passes is None else passes
-        self._lag = arrays.like(lag(shape, pitch, wavelength), on, "float32")
+        self._retardation = arrays.like(phase_retardation(shape, pitch, wavelength), on, "float32")
         self._passes = arrays.mask(self.band, on)
 
     def __call__(self, distance: float) -> Array:
         """Transfer function, complex64, in FFT order."""
-        transfer = arrays.phasors(float(-distance) * self._lag)
+        transfer = arrays.phasors(float(-distance) * self._retardation)
         transfer *= self._passes
         for axis, within in enumerate(representable(self.shape, self.pitch, self.wavelength, distance)):
             if not within.all():
@@ -180,8 +180,8 @@ def grid_bytes(shape: Sequence[int], pitch: Pitch, wavelength: float, distance: 
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance, guard))
 
 
-def moving_bytes(grid: int, fields: int) -> int:
-    """Memory that `moved` takes for so many fields, whose grid takes `grid` bytes each."""
+def stack_bytes(grid: int, fields: int) -> int:
+    """Memory that `propagate_stack` takes for so many fields, whose grid takes `grid` bytes each."""
     return grid * _at_once(grid, fields)
 
 
@@ -190,8 +190,10 @@ def _at_once(grid, fields):
     return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
-def moved(fields: Array, transfer: Array, places: Sequence[EvenSteps] | None = None) -> Iterator[Array]:
-    """Each of some fields times a transfer function; several are moved at once by the processor.
+def propagate_stack(
+    fields: Array, transfer: Array, places: Sequence[EvenSteps] | None = None
+) -> Iterator[Array]:
+    """Each of some fields times a transfer function; several are propagate_stack at once by the processor.
 
     Parameters
     ----------
@@ -416,6 +418,6 @@ def propagate(
     transfer = transfer_function(padded, pitch, wavelength, distance, band, on=field)
     transfer = transfer * carrier(wavelength, distance)
     out, xp = arrays.empty((math.prod(field.shape[:-2]), *shape), "complex64", field), arrays.namespace(field)
-    for number, wave in enumerate(moved(xp.reshape(field, out.shape), transfer)):
+    for number, wave in enumerate(propagate_stack(xp.reshape(field, out.shape), transfer)):
         out[number, ...] = wave
     return xp.reshape(out, field.shape)

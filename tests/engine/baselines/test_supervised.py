@@ -254,7 +254,7 @@ def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
         return phases_for(job, pictures, lambda done, what: None), job.notes
 
     wanted, _ = light()
-    monkeypatch.setattr(libraries, "beginning", lambda name: other_library.zeros(0))
+    monkeypatch.setattr(libraries, "empty_array", lambda name: other_library.zeros(0))
     found, notes = light()
     assert told == [np.ndarray] * 2 + [type(other_library.zeros(0))] * 2 and not notes
     assert np.quantile(np.abs(found - wanted), 0.99) < 1e-4 * np.abs(wanted).max()

@@ -8,7 +8,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.engine.encoding import phase_hologram
 from holopath_addon.engine.scene import variants
-from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.modulator import gray_levels
 
 
 def test_round_trip(field, tmp_path):
@@ -27,7 +27,7 @@ def test_round_trip(field, tmp_path):
         phase.gains,
     )
     shown = np.asarray(mi.Bitmap(str(tmp_path / "hologram" / "frame_001_500nm.png")))
-    np.testing.assert_array_equal(np.squeeze(shown), grey_levels(phase.data[1, 1]))
+    np.testing.assert_array_equal(np.squeeze(shown), gray_levels(phase.data[1, 1]))
 
     (tmp_path / "hologram" / "phase.npy").write_bytes(b"no")
     with pytest.raises(engine.InvalidInput, match="damaged"):

@@ -38,7 +38,7 @@ def test_any_places(drawn, seed):
             for place, digit in zip(places, f"{level:0{bits}b}", strict=True):
                 pixel[place[0]] += int(digit) << place[1]
         assert picture[y, x].tolist() == pixel
-    np.testing.assert_array_equal(layout.gathered(picture), levels)
+    np.testing.assert_array_equal(layout.gather(picture), levels)
     assert not layout.stray(picture)
 
 
@@ -51,7 +51,7 @@ def test_runs_of_bits():
 
 def test_what_a_panel_does_not_look_at():
     layout, picture = bit_layout("R7-0,G7-6"), np.full((2, 2, 3), 255, np.uint8)
-    assert layout.stray(picture) and (layout.gathered(picture)[0] == 1023).all()
+    assert layout.stray(picture) and (layout.gather(picture)[0] == 1023).all()
     assert not layout.stray(picture & np.array([255, 192, 0], np.uint8))
 
 

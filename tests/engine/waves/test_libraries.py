@@ -30,17 +30,17 @@ def card(monkeypatch):
 def test_a_card_without_a_library(card):
     """One sentence with what to do; the processor computes."""
     card()
-    name, advice = libraries.chosen()
-    assert name == "numpy" and advice == libraries.described()
+    name, advice = libraries.choose()
+    assert name == "numpy" and advice == libraries.describe()
     assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
     assert planner._library({}).warnings == (advice,)
 
 
 def test_the_library_that_is_installed_computes(card):
     card("torch")
-    assert libraries.chosen() == ("torch", "") and "by PyTorch" in libraries.described()
+    assert libraries.choose() == ("torch", "") and "by PyTorch" in libraries.describe()
     card("cupy", "torch", problem="CuPy cannot compute there (CUDA driver version is insufficient)")
-    name, advice = libraries.chosen()
+    name, advice = libraries.choose()
     assert name == "numpy" and "driver version is insufficient" in advice and advice.count(".") == 1
     assert "a newer NVIDIA driver" in advice and "pip" not in advice
     assert planner._library({}).warnings == (advice,)
@@ -49,8 +49,8 @@ def test_the_library_that_is_installed_computes(card):
 def test_without_a_card_the_processor_computes(monkeypatch):
     monkeypatch.delenv(libraries.VARIABLE, raising=False)
     monkeypatch.setattr(variants, "on_card", lambda: False)
-    assert libraries.chosen() == ("numpy", "")
-    assert libraries.beginning("numpy") is libraries.PROCESSOR
+    assert libraries.choose() == ("numpy", "")
+    assert libraries.empty_array("numpy") is libraries.PROCESSOR
     assert planner._library({}) == planner.Decided("numpy")
 
 
@@ -61,7 +61,7 @@ def test_what_is_named_and_cannot_be(monkeypatch, named, says):
     monkeypatch.setenv(libraries.VARIABLE, named)
     monkeypatch.setattr(libraries, "_problem", lambda name, device: "CuPy is not installed")
     with pytest.raises(engine.InvalidInput, match=says) as refused:
-        libraries.chosen()
+        libraries.choose()
     assert str(refused.value).count(".") == 1
 
 
@@ -81,7 +81,7 @@ def test_a_card_that_is_too_small(card, monkeypatch):
     library = planner._library(needs | {"wave tracing": 1e9}, [], 1 << 30)
     assert library.value == "torch" and "PyTorch" in str(library.decisions[0])
     assert str(planner._library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: (8 << 30, 1 << 30))
     data = np.ones(3)
     assert libraries.by_card(lambda given: given is data, data, 2e9) == (True, "")
@@ -108,7 +108,7 @@ def test_errors_of_a_card_s_memory(error, ran_out):
 def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
     """The processor goes on, and a sentence says so; other errors are as they are."""
     card("torch")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: None)
     monkeypatch.setattr(libraries, "like", lambda data, array: None)
     errors = [OutOfMemoryError(), ValueError()]
@@ -142,7 +142,7 @@ def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeyp
     field = engine.render(scene, camera, small, settings, plan)
     refocused = engine.reconstruct
     card("torch")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: None)
     monkeypatch.setattr(libraries, "like", lambda data, array: None)
 
@@ -221,12 +221,12 @@ def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkey
     plan = engine.plan(scene, camera, small, settings)
     wanted = engine.render(scene, camera, small, settings, plan)
 
-    def beginning(name):
+    def empty_array(name):
         if name == "torch":
             raise OutOfMemoryError
         return libraries.PROCESSOR
 
-    monkeypatch.setattr(fields.libraries, "beginning", beginning)
+    monkeypatch.setattr(fields.libraries, "empty_array", empty_array)
     field = engine.render(scene, camera, small, settings, engine.Plan(**vars(plan) | {"library": "torch"}))
     np.testing.assert_array_equal(field.data, wanted.data)
     assert field.plan["library"] == "numpy" and libraries.RAN_OUT in field.plan["warnings"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.waves.modulator import Modulator, grey_levels
+from holopath_addon.engine.waves.modulator import Modulator, gray_levels
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def test_an_ideal_display_changes_nothing(phases):
 def test_levels(library, phases, bits):
     shown = np.asarray(Modulator(bits).shown(library.asarray(phases)))
     turn = shown / (2 * math.pi) * 2**bits
-    np.testing.assert_allclose(turn, grey_levels(phases, bits), atol=1e-3)
+    np.testing.assert_allclose(turn, gray_levels(phases, bits), atol=1e-3)
     error = np.angle(np.exp(1j * (shown - phases)))
     assert np.abs(error).max() <= math.pi / 2**bits + 1e-5
 
@@ -99,7 +99,7 @@ def test_impossible_limits(limits, says):
 def test_grey_levels(field):
     phase = engine.encode(field, "dpac")
     for bits in (1, 8, 10):
-        levels = grey_levels(phase.data, bits)
+        levels = gray_levels(phase.data, bits)
         assert levels.min() >= 0 and levels.max() < 2**bits
         turns = np.abs(levels / 2**bits - phase.data / (2 * math.pi))
         assert np.minimum(turns, 1 - turns).max() <= 0.5 / 2**bits + 1e-6

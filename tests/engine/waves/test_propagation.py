@@ -217,8 +217,8 @@ def test_fields_that_are_moved_at_once(monkeypatch, count):
     assert np.array_equal(propagation.propagate(fields, distance, pitch, wavelength), alone)
     shape = propagation.padded_shape(fields.shape[1:], pitch, wavelength, distance)
     transfer = propagation.transfer_function(shape, pitch, wavelength, distance)
-    expected = np.stack(list(propagation.moved(fields.copy(), transfer)))
-    for field, wave in zip(fields, propagation.moved(fields, transfer), strict=True):
+    expected = np.stack(list(propagation.propagate_stack(fields.copy(), transfer)))
+    for field, wave in zip(fields, propagation.propagate_stack(fields, transfer), strict=True):
         field[:] = wave
     assert np.array_equal(fields, expected)
 
@@ -226,7 +226,7 @@ def test_fields_that_are_moved_at_once(monkeypatch, count):
 def test_moving_that_is_given_up_leaves_no_thread(monkeypatch):
     monkeypatch.setattr(propagation, "threads", lambda: 3)
     before = threading.active_count()
-    moving = propagation.moved(np.ones((8, 16, 16), np.complex64), np.ones((16, 16), np.complex64))
+    moving = propagation.propagate_stack(np.ones((8, 16, 16), np.complex64), np.ones((16, 16), np.complex64))
     next(moving)
     assert threading.active_count() > before
     moving.close()
@@ -237,4 +237,4 @@ def test_moving_that_is_given_up_leaves_no_thread(monkeypatch):
 def test_no_more_fields_are_moved_than_memory_is_for(monkeypatch, memory, fields):
     monkeypatch.setattr(propagation, "installed", lambda: memory)
     monkeypatch.setattr(propagation, "threads", lambda: 8)
-    assert propagation.moving_bytes(250 << 20, 100) == fields * (250 << 20)
+    assert propagation.stack_bytes(250 << 20, 100) == fields * (250 << 20)

@@ -19,7 +19,7 @@ from ..propagation import circular_band
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-MOST_FRAMES = 256  # of a hologram
+MAX_FRAMES = 256  # of a hologram
 SETS = (1, 3, 8, 24)  # frames of the designed sets, made by `design`
 FEWEST = (1, 2, 5, 20)  # first frames of each that are better than as many of smaller sets
 REACH = (
@@ -245,14 +245,14 @@ def frames_for(kind: str, contrast: float, randomness: float | None = None) -> i
     Raises
     ------
     InvalidInput
-        If `MOST_FRAMES` leave more.
+        If `MAX_FRAMES` leave more.
     """
-    for frames in range(1, MOST_FRAMES + 1):
+    for frames in range(1, MAX_FRAMES + 1):
         if speckle_contrast(kind, frames, randomness) <= contrast:
             return frames
-    least = speckle_contrast(kind, MOST_FRAMES, randomness)
+    least = speckle_contrast(kind, MAX_FRAMES, randomness)
     raise InvalidInput(
-        f"A speckle contrast of {contrast:.1%} takes over {MOST_FRAMES} frames: ask for {least:.1%} or more."
+        f"A speckle contrast of {contrast:.1%} takes over {MAX_FRAMES} frames: ask for {least:.1%} or more."
     )
 
 
