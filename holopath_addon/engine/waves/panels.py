@@ -1,4 +1,4 @@
-"""A field at the panel of another bench, on which colors lie elsewhere."""
+"""Fields at the panel of another bench, whose colors have other pixel positions."""
 
 from __future__ import annotations
 
@@ -19,28 +19,29 @@ if TYPE_CHECKING:
 
 
 def at_panel(field: WaveField, optics: Optics) -> WaveField:
-    """The same light at the panel of a bench, where its pixels lie for each color.
+    """Propagate a field to the panel of another bench, at its pixels for each color.
 
-    What passes beside that panel is lost, and so are directions that its pixels cannot send.
+    Light that misses the panel is lost, and so are directions that its pixels cannot send.
 
     Parameters
     ----------
     field : WaveField
     optics : Optics
+        Optics of the other bench.
 
     Returns
     -------
     WaveField
-        Without `WaveField.more` where colors lie elsewhere.
+        Without `WaveField.more` if the pixel positions change.
 
     Raises
     ------
     InvalidInput
-        If the field is of another lens, or the optics do not go with its pixels.
+        If the field is of another lens, or the optics do not fit its pixels.
     """
     if optics.lens != field.hologram.optics.lens:
         raise InvalidInput(
-            "The field was rendered for another lens: render it with this one, or set that one again."
+            "The field was rendered for another lens. Render it with this one, or set the other one again."
         )
     before, after = field.hologram, replace(field.hologram, optics=optics)
     if all(getattr(before.optics, name) == getattr(optics, name) for name in COLORS):
