@@ -81,6 +81,7 @@ class Phases:
 
     @property
     def light(self) -> Array:
+        """Light of the phases where it is compared, see the class."""
         display, lens = self._display, self._lens
         if display is not None:
             return self._stack(lambda frame: display.light(self._frame(frame)))
@@ -217,7 +218,7 @@ class Phases:
             light *= self._beam[block]
 
     def _scratch(self, block):
-        """This thread's scratch memory for a block, one complex and two real arrays; None except on the processor."""
+        """Scratch memory of this thread for a block, one complex and two real arrays; None except on the processor."""
         if self._xp is not np:
             return [None] * 3
         count = block.stop - block.start

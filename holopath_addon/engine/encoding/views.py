@@ -195,6 +195,7 @@ class Views:
 
     @property
     def viewpoints(self) -> list[Viewpoint]:
+        """Viewpoint of each view."""
         return [view.viewpoint for view in self._views]
 
     def __len__(self) -> int:

@@ -74,7 +74,11 @@ def test_the_nearest_where_the_response_varies(library, turns, count):
 
 @pytest.mark.parametrize(
     ("variation", "says"),
-    [(np.ones(3), "Expected a map"), (np.full((2, 2), 3.0), "0.5 to 2"), (np.full((2, 2), np.nan), "0.5 to 2")],
+    [
+        (np.ones(3), "Expected a map"),
+        (np.full((2, 2), 3.0), "0.5 to 2"),
+        (np.full((2, 2), np.nan), "0.5 to 2"),
+    ],
 )
 def test_variations_that_cannot_be(variation, says):
     with pytest.raises(InvalidInput, match=says):
