@@ -96,7 +96,7 @@ class Collins:
         array, complex64, or complex128 of such fields
         """
         for axis, place in zip(self._axes, (-2, -1), strict=True):
-            fields = axis.there(fields, place)
+            fields = axis.propagate(fields, place)
         return fields
 
     def adjoint(self, fields: Array) -> Array:

@@ -96,5 +96,5 @@ def test_levels_are_the_nearest_of_each_wavelength(field):
     light = phase.field(levels=levels).data
     for color, known in enumerate(((0.0, np.pi), (1.0, 2.0, 4.0))):
         chords = np.abs(np.exp(1j * phase.data[:, color, ..., None]) - np.exp(1j * np.array(known)))
-        wanted = phase.gains[color] * np.exp(1j * np.array(known))[chords.argmin(-1)]
-        np.testing.assert_allclose(light[:, color], wanted, atol=1e-5 * phase.gains[color])
+        expected = phase.gains[color] * np.exp(1j * np.array(known))[chords.argmin(-1)]
+        np.testing.assert_allclose(light[:, color], expected, atol=1e-5 * phase.gains[color])

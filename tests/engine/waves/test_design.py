@@ -16,7 +16,7 @@ from holopath_addon.engine.waves.supervision import Frames
 
 
 def test_independent_frames_have_the_loss_of_one():
-    """What the design descends is scaled so that the mean of m independent frames has 1/m."""
+    """The loss of a design is scaled so that the mean of m independent frames has 1/m."""
     recipe = Recipe(8, 128)
     design = Design(recipe, np.angle(random_phasors(8, 128, 128, 1)))
     with Frames() as threads:

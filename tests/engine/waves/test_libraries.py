@@ -1,4 +1,4 @@
-"""Which library computes waves: what is installed, what is named, what a card's memory holds, and Dr.Jit's numbers."""
+"""Choice of the library that computes waves, memory of a graphics card, and Dr.Jit's numbers."""
 
 import dataclasses
 
@@ -88,7 +88,7 @@ def test_a_card_that_is_too_small(card, monkeypatch):
 
 
 class OutOfMemoryError(RuntimeError):
-    """As those of CuPy and PyTorch are called."""
+    """Error with the name of those of CuPy and PyTorch."""
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
 
 
 def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeypatch):
-    """In the plan of a render, beside what the field's says; its pictures are there."""
+    """The plan of the render says so, besides the field's warnings; its images are there."""
     scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
     plan = engine.plan(scene, camera, small, settings)
     field = engine.render(scene, camera, small, settings, plan)
@@ -169,9 +169,9 @@ def test_numbers_go_between_dr_jit_and_torch_without_a_copy(backend):
     on = torch.empty(0, dtype=torch.complex64)
     values = mi.Float(np.arange(10, dtype=np.float32))
     waves = libraries.from_drjit(values, on)
-    wanted = np.arange(0, 10, 2) + 1j * np.arange(1, 10, 2)
-    np.testing.assert_array_equal(np.asarray(waves), wanted)
-    np.testing.assert_array_equal(libraries.from_drjit(values, libraries.PROCESSOR), wanted)
+    expected = np.arange(0, 10, 2) + 1j * np.arange(1, 10, 2)
+    np.testing.assert_array_equal(np.asarray(waves), expected)
+    np.testing.assert_array_equal(libraries.from_drjit(values, libraries.PROCESSOR), expected)
     if variants.activate() == variants.LLVM:
         assert waves.data_ptr() == np.asarray(values).ctypes.data
     ones = torch.ones(8)
@@ -191,7 +191,7 @@ def test_a_torch_for_processors_is_no_card_s():
 @pytest.mark.oracle
 @pytest.mark.parametrize("despeckle", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch, despeckle):
-    """From rays to phases, where PyTorch computes waves on the processor; several planes, and speckle taken out."""
+    """Compare rays to phases with PyTorch on the processor; several planes, and despeckling."""
     pytest.importorskip("torch")
     scene, settings = (
         build.three_planes(),
@@ -205,12 +205,12 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
         phase = pipeline.encode(field, Encoding("sgd"), lambda done, message: None, max_steps=2)
-        seen, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        image, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
         assert not notes
-        found.append((field.data, seen, np.exp(1j * phase.data)))
-    for wanted, values in zip(*found, strict=True):
+        found.append((field.data, image, np.exp(1j * phase.data)))
+    for expected, values in zip(*found, strict=True):
         assert isinstance(values, np.ndarray)
-        assert np.linalg.norm(values - wanted) < 1e-4 * np.linalg.norm(wanted)
+        assert np.linalg.norm(values - expected) < 1e-4 * np.linalg.norm(expected)
 
 
 def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkeypatch):
@@ -219,7 +219,7 @@ def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkey
 
     scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
     plan = engine.plan(scene, camera, small, settings)
-    wanted = engine.render(scene, camera, small, settings, plan)
+    expected = engine.render(scene, camera, small, settings, plan)
 
     def empty_array(name):
         if name == "torch":
@@ -228,12 +228,12 @@ def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkey
 
     monkeypatch.setattr(fields.libraries, "empty_array", empty_array)
     field = engine.render(scene, camera, small, settings, engine.Plan(**vars(plan) | {"library": "torch"}))
-    np.testing.assert_array_equal(field.data, wanted.data)
+    np.testing.assert_array_equal(field.data, expected.data)
     assert field.plan["library"] == "numpy" and libraries.RAN_OUT in field.plan["warnings"]
 
 
 def test_phases_are_found_where_the_plan_says(build, camera, small, as_on_a_card, monkeypatch):
-    """What the plan says that they take decides; a plan that was made without a card leaves it to the field's size."""
+    """The plan's memory decides; without one, as of a plan without a card, the field's size does."""
     scene, settings = build.two_planes(build.emissive), engine.Settings(frames=1, quality="draft", planes=1)
     needed = []
 

@@ -1,4 +1,4 @@
-"""What a display makes of phases, against light computed point by point."""
+"""Light of a display with limits, compared with light computed point by point."""
 
 import math
 
@@ -73,7 +73,7 @@ def test_crosstalk(library):
 
 
 def test_libraries_of_arrays_agree(other_library, phases):
-    """On all that a modulator does to light, of phases of any turn."""
+    """Compare all effects of a modulator, for phases of any turn."""
     modulator = Modulator(bits=3, fill_factor=0.8, unmodulated=0.1, crosstalk=0.7)
     phases = 4 * phases - 9
     found = modulator.light(other_library.asarray(phases))
@@ -96,7 +96,7 @@ def test_impossible_limits(limits, says):
         Modulator(**limits)
 
 
-def test_grey_levels(field):
+def test_gray_levels(field):
     phase = engine.encode(field, "dpac")
     for bits in (1, 8, 10):
         levels = gray_levels(phase.data, bits)
