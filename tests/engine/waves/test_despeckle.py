@@ -34,19 +34,19 @@ def test_slopes_against_finite_differences(library):
     def loss(spectra):
         value = 0.0
         for view in views:
-            result = view.weight > 0
+            mask = view.weight > 0
             for m, stage in stages.items():
                 image = np.mean([np.abs(np.fft.ifft2(s * view.transfer)) ** 2 for s in spectra[:m]], axis=0)
-                bright = image[result].sum() / view.target[result].sum(dtype=float)
+                bright = image[mask].sum() / view.target[mask].sum(dtype=float)
                 whole = np.mean([np.sum(np.abs(s) ** 2) / s.size for s in spectra[:m]]) / energy
                 value += stage * (view.weight * (image / bright - view.target) ** 2).sum(dtype=float)
                 value += stage * supervision.BRIGHTNESS * (bright / whole - 1) ** 2
         return value
 
     made = [library.asarray(each) for each in spectra]
-    result = [supervision.TargetImage(*map(library.asarray, vars(view).values())) for view in views]
+    targets = [supervision.TargetImage(*map(library.asarray, vars(view).values())) for view in views]
     with supervision.Frames() as threads:
-        _, gradient = supervision.supervise(made, result, energy, stages, threads)
+        _, gradient = supervision.supervise(made, targets, energy, stages, threads)
     gradient = np.asarray(gradient)
     exact = [s.astype(complex) for s in spectra]
     for _ in range(5):

@@ -49,10 +49,10 @@ def test_unmodulated_light_on_a_flat_field(phase):
     """|sqrt(1 - |m|^2) exp(i phase) + m|^2."""
     stray = 0.2 - 0.1j
     flat = np.full((SIDE, SIDE), phase)
-    image = picture(DisplayModel(GREEN, unmodulated=stray), flat, 1e-4)[12:-12, 12:-12].mean()
+    stray_light = picture(DisplayModel(GREEN, unmodulated=stray), flat, 1e-4)[12:-12, 12:-12].mean()
     plain = picture(DisplayModel(GREEN), flat, 1e-4)[12:-12, 12:-12].mean()
     light = math.sqrt(1 - abs(stray) ** 2) * np.exp(1j * phase) + stray
-    assert image / plain == pytest.approx(abs(light) ** 2, rel=1e-3)
+    assert stray_light / plain == pytest.approx(abs(light) ** 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 0.6])
@@ -80,9 +80,9 @@ def test_light_of_the_stop_comes_round_from_no_side(monkeypatch):
         light = DisplayLight(DisplayModel(GREEN, crosstalk=0.3), phases.shape, PITCH, 2e-3)
         return np.fft.ifft2(light.relayed(light.spectra(phases)[GREEN]))[: 64 * GRID, : 64 * GRID]
 
-    image = field()
+    wave = field()
     monkeypatch.setattr("holopath_addon.engine.waves.display_model.GUARD", 300)
-    assert np.linalg.norm(image - field()) < 0.004 * np.linalg.norm(image)
+    assert np.linalg.norm(wave - field()) < 0.004 * np.linalg.norm(wave)
 
 
 def test_tilt_moves_a_dot():

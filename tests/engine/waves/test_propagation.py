@@ -152,11 +152,11 @@ def test_torch_finds_gradients():
     """Gradient of the energy in a window with respect to the field: twice its light propagated back."""
     torch = pytest.importorskip("torch")
     field = torch.asarray(random_field(64)).requires_grad_()
-    image = torch.zeros((64, 64))
-    image[20:40, 10:30] = 1
+    window = torch.zeros((64, 64))
+    window[20:40, 10:30] = 1
     there = propagation.propagate(field, 2e-3, PITCH, WAVELENGTH)
-    (there.abs() ** 2 * image).sum().backward()
-    back = propagation.propagate((there * image).detach(), -2e-3, PITCH, WAVELENGTH)
+    (there.abs() ** 2 * window).sum().backward()
+    back = propagation.propagate((there * window).detach(), -2e-3, PITCH, WAVELENGTH)
     assert torch.linalg.norm(field.grad - 2 * back) < 1e-5 * torch.linalg.norm(back)
 
 
