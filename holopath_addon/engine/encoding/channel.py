@@ -246,10 +246,8 @@ class Channel:
         """Distances of the scene's ends from the panel as this wavelength sees it."""
         plan, hologram = self._field.plan, self._field.hologram
         panel = hologram.distance_at(self.wavelength)
-        low, high = (
-            plan.get("z_low", hologram.depth_far) - panel,
-            plan.get("z_high", hologram.depth_near) - panel,
-        )
+        low = plan.get("z_low", hologram.depth_far) - panel
+        high = plan.get("z_high", hologram.depth_near) - panel
         return (low, high) if high > low else (low - 1e-6, low + 1e-6)
 
     @contextmanager

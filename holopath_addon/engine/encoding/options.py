@@ -112,19 +112,20 @@ class EncodingOptions:
             raise InvalidInput(
                 f"Expected the start 'arg', 'dpac' or a PhaseHologram, got {type(self.start).__name__}."
             )
-        if self.bits is not None and not 1 <= self.bits <= 16:
-            raise InvalidInput(f"Expected 1 to 16 bits, got {self.bits}.")
-        if not 1 <= self.compared_planes <= 64:
-            raise InvalidInput(f"Expected 1 to 64 planes, got {self.compared_planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
-            raise InvalidInput(f"Expected a number of seconds of more than 0, got {self.seconds}.")
+            raise InvalidInput(f"Expected seconds of more than 0, got {self.seconds}.")
         if not 0 <= self.tolerance < 1:
             raise InvalidInput(f"Expected a tolerance from 0 to below 1, got {self.tolerance}.")
         if self.max_steps is not None and self.max_steps < 1:
             raise InvalidInput(f"Expected at least one step, got {self.max_steps}.")
-        for name, value in (("randomness", self.randomness), ("eyebox", self.eyebox)):
-            if value is not None and not 0 <= value <= 1:
-                raise InvalidInput(f"Expected a value of {name} from 0 to 1, got {value}.")
+        for name, value, low, high in (
+            ("bits", self.bits, 1, 16),
+            ("compared_planes", self.compared_planes, 1, 64),
+            ("randomness", self.randomness, 0, 1),
+            ("eyebox", self.eyebox, 0, 1),
+        ):
+            if value is not None and not low <= value <= high:
+                raise InvalidInput(f"Expected {name} from {low} to {high}, got {value}.")
 
     def _check_combinations(self, field):
         if self.bits is not None and self.levels is not None:

@@ -171,17 +171,9 @@ def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
     image = hologram.in_air
     if not isinstance(image, AerialImage):
         return None
-    panel, lens = image.panel, image.lens
-    raster = image.raster(wavelength)
-    return Collins(
-        (panel.height, panel.width),
-        panel.pitch,
-        wavelength,
-        lens.curvature,
-        lens.reach,
-        raster.shape,
-        raster.pitch,
-    )
+    panel, lens, raster = image.panel, image.lens, image.raster(wavelength)
+    shape = panel.height, panel.width
+    return Collins(shape, panel.pitch, wavelength, lens.curvature, lens.reach, raster.shape, raster.pitch)
 
 
 def spread_waves(frames: int, shape: Sequence[int]) -> np.ndarray:
