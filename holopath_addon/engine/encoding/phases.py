@@ -116,7 +116,7 @@ class Phases:
             self._means = arrays.zeros((2, *self._angle.shape), self._angle.dtype, self._angle)
             self._means[1, ...] = MIN_SQUARE
         means, free, xp = self._means, self._free, self._xp
-        back, factors = self._at_pixels(back, factors)
+        back, weights = self._at_pixels(back, factors)
         self._count += 1
         first, second = memory, SQUARES_MEMORY
         scale = (1 - first) / (1 - first**self._count), (1 - second) / (1 - second**self._count)
@@ -124,7 +124,7 @@ class Phases:
 
         def move(frame, block, rows):
             mean, square = means[0, frame, block], means[1, frame, block]
-            slope = self._slope(frame, block, back[frame, rows, :], factors[frame])
+            slope = self._slope(frame, block, back[frame, rows, :], weights[frame])
             mean *= first
             mean += slope
             slope *= slope
