@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..encoding import encoder, views
-from ..encoding.views import MOST_DEPTHS, step_transforms, transforms
+from ..encoding import encoder
+from ..encoding.options import JOINT_STEPS, eyebox_for
+from ..encoding.views import MAX_DEPTHS, step_transforms, transforms
 from ..memory import AT_ONCE, encoding_on_card, refocusing_on_card
 from ..plan import CARD_STAGES, PHASES
 from ..progress import OFTEN
@@ -20,8 +21,9 @@ from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
-from ..waves.phase_fields import MOST_FRAMES, SETS
-from ..waves.propagation import TEACHING_GUARD, grid_bytes, moving_bytes, padded_shape
+from ..waves.phase_fields import MAX_FRAMES, SETS
+from ..waves.propagation import TEACHING_GUARD, grid_bytes, padded_shape, stack_bytes
+from ..waves.target_images import MAX_TRANSFER_BYTES
 from .noise import estimated_rays
 from .planes import columns_of, mean_rays
 from .probe import MIN_VIEW_FRACTION
@@ -216,7 +218,7 @@ class CostModel:
     def of_refine_batch(self) -> CostModel:
         """Costs of a render of as many frames as `refine` traces at once."""
         pixels, _, colors = self._counts
-        frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colors)), MOST_FRAMES)
+        frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colors)), MAX_FRAMES)
         settings = replace(self.survey.settings, frames=frames, despeckle=0)
         return replace(self, survey=replace(self.survey, settings=settings))
 
@@ -282,7 +284,7 @@ class CostModel:
         probe, slowness = self.survey.probe, self.survey.slowness
         pixels, frames, colors = self._counts
         plain, chained = self._mean_rays
-        grids, eyebox = self._encoding_grids, encoder.eyebox_for(frames)
+        grids, eyebox = self._encoding_grids, eyebox_for(frames)
         views_of_grids = sum(grid * (1 + transforms(frames, eyebox) * depths) for grid, depths in grids)
         look = slowness.transforms * VIEW_TRANSFORM_SECONDS * views_of_grids
         rays = plain * RAY_TIME_FRACTION / probe.rays_per_second
@@ -293,7 +295,7 @@ class CostModel:
         sgd = slowness.transforms * pixels * frames * colors * SGD_SECONDS + copied
         padded = sum(grid for grid, _ in grids)
         step = slowness.transforms * frames * step_transforms(eyebox) * STEP_TRANSFORM_SECONDS * padded
-        joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
+        joint = sgd + 3 * frames * look + JOINT_STEPS["joint"] * step
         light = sum(stages.get(name, 0.0) for name in ("kernel tables", "radiance"))
         parts = sgd, joint, look, light, self.traversals * rays, sums + propagation, step
         return dict(zip(PHASES, parts, strict=True))
@@ -309,7 +311,7 @@ class CostModel:
 
     def encoding_bytes(self) -> dict[str, float]:
         """Estimate the peak bytes of each encoding, with the field that it encodes."""
-        return self._encoding_bytes(self.of_refine_batch.render_bytes(), encoder.MOST_BYTES)
+        return self._encoding_bytes(self.of_refine_batch.render_bytes(), encoder.MAX_BYTES)
 
     def card_bytes(self, chunk_bytes: int, free_bytes: float) -> dict[str, float]:
         """Estimate the peak bytes of a card's memory for each of `CARD_STAGES` and each encoding.
@@ -326,7 +328,7 @@ class CostModel:
         pixels, frames, colors = self._counts
         field = 8 * pixels * frames * colors
         batch = self.of_refine_batch._tracing_bytes(chunk_bytes)
-        encodings = self._encoding_bytes(batch, min(encoder.MOST_BYTES, free_bytes / 2))
+        encodings = self._encoding_bytes(batch, min(encoder.MAX_BYTES, free_bytes / 2))
         stages = (
             self._tracing_bytes(chunk_bytes),
             self._field_bytes() + self._moving_bytes(1),
@@ -356,7 +358,7 @@ class CostModel:
         for wavelength in hologram.wavelengths:
             depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
             padded = padded_shape(size, hologram.pitch, wavelength, farthest, TEACHING_GUARD)
-            grids.append((math.prod(padded), min(MOST_DEPTHS, max(2, depths))))
+            grids.append((math.prod(padded), min(MAX_DEPTHS, max(2, depths))))
         return grids
 
     def _wave_launches(self, seconds):
@@ -402,7 +404,7 @@ class CostModel:
         hologram, farthest = self.survey.hologram, max(abs(self.survey.z_low), abs(self.survey.z_high))
         size = hologram.height, hologram.width
         grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
-        return moving_bytes(grid, frames)
+        return stack_bytes(grid, frames)
 
     def _encoding_bytes(self, batch_bytes, max_array_bytes):
         """Bytes of each encoding, by name.
@@ -411,9 +413,9 @@ class CostModel:
         """
         (pixels, frames, colors), grids = self._counts, self._encoding_grids
         own = (8 + 4) * frames * pixels * colors
-        eyebox = encoder.eyebox_for(frames)
+        eyebox = eyebox_for(frames)
         targets = [4 * grid * transforms(frames, eyebox) * depths for grid, depths in grids]
-        transfers = [min(views.MOST_BYTES, 8 * grid * depths) for grid, depths in grids]
+        transfers = [min(MAX_TRANSFER_BYTES, 8 * grid * depths) for grid, depths in grids]
         kept = [sum(each) for each in zip(targets, transfers, strict=True)]
         steps = min(max_array_bytes, encoder.BYTES["together"] * frames * max(grid for grid, _ in grids))
         co_traced = SETS[-1] * 8 * pixels * colors

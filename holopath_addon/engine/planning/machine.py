@@ -78,13 +78,13 @@ def slowness(folder: Path | None = None, library: str | None = None) -> Slowness
         other programs can make a machine look slow, but not fast. Figures of another version of Mitsuba or Dr.Jit, or
         of another backend or number of threads, are discarded.
     library : str, optional
-        Library that computes waves, see `waves.libraries`. Default: that of `libraries.chosen`.
+        Library that computes waves, see `waves.libraries`. Default: that of `libraries.choose`.
 
     Returns
     -------
     Slowness
     """
-    return _slowness(folder, library or libraries.chosen()[0], time.time() // MAX_AGE_SECONDS)
+    return _slowness(folder, library or libraries.choose()[0], time.time() // MAX_AGE_SECONDS)
 
 
 @lru_cache(2)
@@ -125,7 +125,7 @@ def _process_slowness(_made_with, library, _now):
 
 def _measured(library):
     """Time some of each kind of work, in units of `REFERENCE`."""
-    on = libraries.beginning(library)
+    on = libraries.empty_array(library)
     taken = _seconds(_core), timed(_programs)[0], _seconds(lambda: _transforms(on)), _copies(on)
     return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(REFERENCE), strict=True)))
 

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..encoding.axis import on_axis
-from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
-from ..encoding.encoder import LEAST_STEPS as WORTH
+from ..encoding.encoder import EXTRA_FRAMES_END, FIRST_STAGE_END, NO_FRAMES_END
+from ..encoding.encoder import MIN_STEPS as WORTH
+from ..encoding.options import eyebox_for
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
@@ -353,13 +354,13 @@ class _EncodingCosts:
         """Minimum time limit for extra frames and steps, in which the frames are there before their deadline."""
         limit = self._limit_for(1, self._joint_seconds(frames, steps))
         if frames > self.co_traced:
-            deadline = LATEST if frames == self.first_frames else TRACED
+            deadline = NO_FRAMES_END if frames == self.first_frames else EXTRA_FRAMES_END
             limit = max(limit, self._limit_for(deadline, self.extra_frames_seconds(frames)))
         return limit
 
     def _limit_for(self, fraction, rest):
-        """Time limit of which a fraction suffices for `sgd` and the rest; `sgd` has at most `FIRST` of it."""
-        return min((self.seconds["sgd"] + rest) / fraction, rest / (fraction - FIRST))
+        """Time limit of which a fraction suffices for `sgd` and the rest; `sgd` has at most `FIRST_STAGE_END` of it."""
+        return min((self.seconds["sgd"] + rest) / fraction, rest / (fraction - FIRST_STAGE_END))
 
 
 def _limited(estimate, limit):

@@ -368,7 +368,7 @@ def decide_library(
     free_bytes : int or None
         Free memory of the card; None where waves are in the processor's memory.
     """
-    name, advice = libraries.chosen()
+    name, advice = libraries.choose()
     if name == libraries.NUMPY:
         return Decided(name, warnings=(advice,) if advice else ())
     known = libraries.ON_CARDS[name]
@@ -395,7 +395,7 @@ def decide_library(
 
 def _free_card_bytes() -> int | None:
     """Free memory of the card on which waves are computed, bytes; None where they are not."""
-    memory = on_card(libraries.beginning(libraries.chosen()[0]))
+    memory = on_card(libraries.empty_array(libraries.choose()[0]))
     return memory[1] if memory else None
 
 

@@ -240,7 +240,7 @@ def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
             progress((colour * frames + number) / (colours * frames), "Diffraction efficiency")
             light = beam * np.exp(1j * frame.astype(np.float64))
             total += math.prod(shape) * (np.abs(light) ** 2).sum()
-            power = np.abs(scipy.fft.fft2(light if way is None else way.there(light))) ** 2
+            power = np.abs(scipy.fft.fft2(light if way is None else way.propagate(light))) ** 2
             inside += power[band].sum()
         found.append(inside / total)
     return found

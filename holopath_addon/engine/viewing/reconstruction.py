@@ -254,7 +254,7 @@ class Refocuser:
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
                 for place, way in enumerate(ways):
-                    images[place, ..., k] += arrays.intensity(way.there(wave)) / frames
+                    images[place, ..., k] += arrays.intensity(way.propagate(wave)) / frames
                 done += len(ways)
                 progress(done / (len(distances) * frames * colours), "Refocusing")
         # beyond that pixels send the same once more
@@ -366,7 +366,7 @@ class Refocuser:
             return kept
         wave = self.field.data[m, k, ...]
         if self._ways[k] is not None:
-            wave = self._ways[k].there(wave)
+            wave = self._ways[k].propagate(wave)
         waves = spectrum(wave, padded)
         held = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
         if padded == self._padded(k, 0.0) and held <= self._most_bytes:
