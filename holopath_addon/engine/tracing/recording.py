@@ -23,7 +23,8 @@ from .grain_grid import GrainGrid
 from .kernel_table import Lattice, directions_of, kernel_table
 from .measurement import Measurement
 from .regions import Region, regions_of
-from .wave_tracer import Part, add_pixels, blocks_of, trace_blocks
+from .wave_kernel import Part, WaveKernel
+from .wave_tracer import add_pixels, blocks_of, trace_blocks
 
 if TYPE_CHECKING:
     from ..camera import Camera
@@ -125,9 +126,9 @@ class Recording:
             parts = [self._part(plane, radiance, number, straight) for number in range(len(regions))]
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
-        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.plan.settings.seed
+        kernel = WaveKernel(self.scene, self.hologram, radiance, self.plan.settings.seed, like=out)
         with ThreadPoolExecutor(threads()) as executor, self.clock("wave tracing"):
-            for block, pixels, values in trace_blocks(*what, chunk, progress, out):
+            for block, pixels, values in trace_blocks(kernel, parts, blocks, phasors, chunk, progress):
                 add_pixels(out[block.start : block.stop, ...], self.hologram, pixels, values, executor)
 
     def _regions(self, plane, radiance):
