@@ -77,7 +77,7 @@ def run(pixels=512, repeats=5):
     grid = GrainGrid(pixels, pixels, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
     measurement = Measurement(scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0)
-    radiance = measurement.measured(lambda done: None)
+    radiance = measurement.measure(lambda done: None)
     phasors = random_phasors(max(FRAMES), pixels, pixels)
     part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, optics)
 

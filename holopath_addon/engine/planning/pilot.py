@@ -19,7 +19,7 @@ from ..scene.lobes import is_specular
 from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from ..scene.specular_chains import nearly_smooth
-from ..tracing.grains import shown
+from ..tracing.grains import reflectance_of
 from .machine import timed
 from .pilot_light import DEPTHS_TRIED, Light, Paths, light_of
 from .probe import LEAST_SHARE, Edges, Places, Probe
@@ -330,7 +330,13 @@ class Pilot:
         walk = (dz - dr.gather(mi.Float, dz, starts.index * PILOT_PATHS)) / self._hologram.pitch
         over, down = starts.turn.x + starts.slope.x * walk, starts.turn.y - starts.slope.y * walk
         cell = [mi.Int(dr.floor(at)) for at in (over, down, dz / self.slab)] + [seen.branch]
-        return whole, direct, [dr.sum(light) for light in found], cell, *shown(self.scene, seen, seen.exists)
+        return (
+            whole,
+            direct,
+            [dr.sum(light) for light in found],
+            cell,
+            *reflectance_of(self.scene, seen, seen.exists),
+        )
 
     def _paths(self, whole, direct, by_vertices, cell, reflectance, shines):
         """What `_followed` found, as `Paths`."""

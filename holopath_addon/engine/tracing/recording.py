@@ -79,7 +79,7 @@ class Recording:
         if self.plan.settings.radiance == "ray":
             return PathsPerRay(self.tracer, self.plan.settings.paths)
         with self.clock("radiance"):
-            radiance = self._measurement().measured(progress)
+            radiance = self._measurement().measure(progress)
         pixels = radiance.grid.columns * radiance.grid.rows
         self.rays_traced["radiance paths"] = pixels * radiance.passes
         self.rays_traced["texture rays"] = pixels * radiance.textures

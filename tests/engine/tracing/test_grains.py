@@ -24,7 +24,7 @@ def test_what_light_is_divided_by(build):
         x = mi.Float(np.linspace(-0.2, 0.2, 64))
         ray = mi.Ray3f(mi.Point3f(x, 0.1, 0), mi.Vector3f(0, 0, -1))
         seen = FirstHits().view(scene, ray, mi.UInt32(0))
-        return np.array(grains.shown(scene, seen, mi.Bool(True))[0])
+        return np.array(grains.reflectance_of(scene, seen, mi.Bool(True))[0])
 
     matt, gloss = {"type": "matt", "reflectance": build.grey(0.3)}, {"type": "gloss", "roughness": 0.2}
     for bare in ({"type": "roughdielectric"}, {"type": "roughconductor"}, gloss):
@@ -54,7 +54,7 @@ def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
             ray = mi.Ray3f(mi.Point3f(0.01, 0.01, z), mi.Vector3f(0, 0, -1 - z))
             seen = FirstHits().view(scene, ray, mi.UInt32(0))
             assert seen.surface.is_valid()[0]
-            sides.append(np.array(grains.shown(scene, seen, mi.Bool(True))[0]).ravel())
+            sides.append(np.array(grains.reflectance_of(scene, seen, mi.Bool(True))[0]).ravel())
         np.testing.assert_allclose(*sides, rtol=1e-4)
         assert 0.27 < sides[0].min() and sides[0].max() < 0.35
 
