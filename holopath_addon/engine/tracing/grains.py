@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     from ..scene.specular_chains import FirstHits, SpecularChains
 
 CHUNK_PATHS = 1 << 20  # paths that share a sequence of random numbers
-UNIT_PATHS = (
-    1 << 17
-)  # paths of a unit of work: 0.12 s of two idle cores, several times that of busy ones
+UNIT_PATHS = 1 << 17  # paths of a unit of work: 0.12 s of two idle cores, several times that of busy ones
 TILT = 2  # numbers of slopes that precede the radiances in a row of means
 # Reflectances that are added for black surfaces, and for light that no diffuse lobe scatters.
 BLACK, SPECULAR = 1e-3, 0.04

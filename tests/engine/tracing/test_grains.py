@@ -112,7 +112,7 @@ def test_chunks_together_or_apart(build, camera, monkeypatch):
 
 
 def test_blocks_together_or_apart(build, camera, monkeypatch):
-    """Neighbouring blocks are traced as one where that is quick: the same field, and each of the blocks is given."""
+    """Neighboring blocks are traced as one where that is quick: the same field, and each of the blocks is given."""
     from holopath_addon.engine.tracing import wave_tracer
 
     hologram = engine.Hologram(72, 64, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
