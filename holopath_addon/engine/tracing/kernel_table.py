@@ -176,7 +176,7 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: fl
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
     plane (towards the viewer) back to the plane: the inverse DFT of exp(2 pi i dz / wavelength u / (1 +
     sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. w is the sum of
-    `Lattice.weights` over the directions that meet in the grain, 1 but at the rim of the cone and beside the plane. E is
+    `Lattice.weights` over the directions that meet in the grain, 1 but at the cone's rim and beside the plane. E is
     the in-band energy of the kernel cut to the grains reached (pi/4 uncut). The cut kernel is fitted to the exact one's
     spectrum within the band by `FIT_STEPS` of Landweber's iteration, for what lies outside the band is cut from the
     field anyway: it gains 1 to 5 dB where the kernel is few grains wide. Each depth thereby becomes an exact discrete

@@ -191,7 +191,7 @@ def test_shapes_in_the_same_bounds_keep_their_rows(build):
 def test_too_many_texels_are_made_larger(build, monkeypatch):
     from holopath_addon.engine.light import atlas
 
-    monkeypatch.setattr(atlas, "MOST_TEXELS", 1 << 16)
+    monkeypatch.setattr(atlas, "MAX_TEXELS", 1 << 16)
     scene = build.scene(a=build.ball(0.3, [0, 0, -1], build.diffuse(build.grey(0.5))))
     laid = laid_out(scene, 5e-4)
     assert laid.layout.coarser > 3 and laid.size < 2 << 16

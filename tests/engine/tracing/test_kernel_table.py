@@ -74,8 +74,9 @@ def test_every_depth_has_the_same_energy():
 @pytest.mark.parametrize("straight", [1.0, 0.74, 0.4, 0.0])
 @pytest.mark.parametrize("depth", [0.3e-3, 2.5e-3])
 def test_even_surfaces_are_as_bright_at_every_depth(straight, depth):
-    """Whatever fraction of their light goes straight on, and the rest everywhere; all of it goes without an error of its
-    phase. The table of random phases is off by half where all is in phase.
+    """Whatever fraction of their light goes straight on, and the rest everywhere; all of it without a phase error.
+
+    The table of random phases is off by half where all is in phase.
     """
     lattice = Lattice.of(SLOPE, depth, PITCH)
     table, plain = (kernel_table(lattice, PITCH, WAVELENGTH, share) for share in (straight, 0.0))
