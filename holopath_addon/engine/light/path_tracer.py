@@ -341,7 +341,7 @@ class PathsPerRay:
             light = self.tracer.radiance(
                 scene, sampler, point.ray, point.surface, point.whole, point.exists, point.parts
             )
-            light /= point.colour
+            light /= point.color
             return number + 1, total + dr.select(dr.isfinite(light), light, 0), sampler
 
         paths = dr.opaque(mi.UInt32, self.paths)

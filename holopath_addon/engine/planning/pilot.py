@@ -320,7 +320,7 @@ class Pilot:
         found = tracer.by_vertices(
             self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
         )
-        through = dr.select(seen.exists, 1, 0) / seen.colour
+        through = dr.select(seen.exists, 1, 0) / seen.color
         if seen.weight is not None:
             through *= seen.weight
         found = [light * through for light in found]

@@ -166,7 +166,7 @@ class Measurement:
         light = self._tracer.radiance(
             scene, grains.sampler, point.ray, point.surface, point.whole, parts=point.parts
         )
-        light *= self._scale / point.colour
+        light *= self._scale / point.color
         row, inside = row_of(grains, self._grid, self._index, self._occupied)
         inside &= dr.all(dr.isfinite(light))
         reflectance, emits = reflectance_of(scene, point, inside)

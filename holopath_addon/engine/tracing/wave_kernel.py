@@ -168,7 +168,7 @@ class WaveKernel:
         point = optics.view(self.scene, ray, branch)  # s3, s4
         dz = rays.height_over_plane(point.distance, depth_rate, point.hit)  # s6
         first = rays.height_over_plane(point.first, depth_rate, dr.isfinite(point.first))
-        weight, dz = rays.share(first, dz), rays.within(dz)
+        weight, dz = rays.weight(first, dz), rays.within(dz)
         right, up = offset = estimator.offset(direction, dz)  # s7
         column, row = column + right, row - up
         grain = (column, row, rays.plane + dz)
