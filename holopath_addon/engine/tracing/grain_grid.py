@@ -115,7 +115,7 @@ class RowIndex:
         dr.eval(filled)
         return cls(filled, rows)
 
-    def at(self, cell: mi.UInt32, active: mi.Bool = True) -> tuple[mi.UInt32, mi.Bool]:
+    def at(self, cell: mi.UInt32, active: mi.Bool | bool = True) -> tuple[mi.UInt32, mi.Bool]:
         """First row of some cells, and whether they have a row for each pupil bin."""
         word = dr.gather(mi.UInt32, self.words, cell, active)
         return word >> 1, (word & 1) == 1
