@@ -19,7 +19,7 @@ from ..scene.lobes import is_specular
 from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from ..scene.specular_chains import nearly_smooth
-from ..tracing.grains import shown
+from ..tracing.grains import reflectance_of
 from .machine import timed
 from .pilot_light import VERTEX_COUNTS, Light, Paths, light_of
 from .probe import MIN_VIEW_FRACTION, Edges, Places, Probe
@@ -346,7 +346,7 @@ class Pilot:
         found = tracer.by_vertices(
             self.scene, paths, view.ray, view.surface, view.whole, VERTEX_COUNTS, parts=view.parts
         )
-        through = dr.select(view.exists, 1, 0) / view.colour
+        through = dr.select(view.exists, 1, 0) / view.color
         if view.weight is not None:
             through *= view.weight
         found = [light * through for light in found]
@@ -356,7 +356,13 @@ class Pilot:
         walk = (dz - dr.gather(mi.Float, dz, starts.index * PILOT_PATHS)) / self._hologram.pitch
         over, down = starts.turn.x + starts.slope.x * walk, starts.turn.y - starts.slope.y * walk
         cell = [mi.Int(dr.floor(at)) for at in (over, down, dz / self.slab)] + [view.branch]
-        return whole, direct, [dr.sum(light) for light in found], cell, *shown(self.scene, view, view.exists)
+        return (
+            whole,
+            direct,
+            [dr.sum(light) for light in found],
+            cell,
+            *reflectance_of(self.scene, view, view.exists),
+        )
 
     def _paths(self, whole, direct, by_vertices, cell, reflectance, shines):
         """Results of `_traced` as `Paths`."""
