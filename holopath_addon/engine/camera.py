@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole at the centre of the viewer's pupil.
+    """A pinhole at the center of the viewer's pupil.
 
     Parameters
     ----------
     to_world : array_like, shape (4, 4)
-        Rigid transform from camera to world space, metres. The camera looks along its own -z, y is up
+        Rigid transform from camera to world space, meters. The camera looks along its own -z, y is up
         (Blender's convention). A reflection is allowed: the view is then mirrored.
     fov_x : float
         Full horizontal field of view, radians, in (0, pi).
@@ -29,7 +29,7 @@ class Camera:
         Offset of the principal point in fractions of the image *width*: positive values move the
         view to the right and up (Blender's lens shift).
     clip_start : float
-        Surfaces nearer than this depth are not seen, metres.
+        Surfaces nearer than this depth are not seen, meters.
     clip_end : float
         Nor farther ones.
     sees_sky : bool
@@ -66,7 +66,7 @@ class Camera:
 
     @property
     def position(self) -> np.ndarray:
-        """Centre of the pupil in the world, metres, shape (3,)."""
+        """Center of the pupil in the world, meters, shape (3,)."""
         return self.to_world[:3, 3]
 
     @property
@@ -81,7 +81,7 @@ class Camera:
         Parameters
         ----------
         offset : (float, float, float)
-            To the right, up and forward, metres.
+            To the right, up and forward, meters.
         yaw, pitch : float
             Turned to the left about its own up axis, then up, radians.
         """

@@ -20,7 +20,7 @@ class Display:
     width, height : int
         Pixels.
     pitch : float
-        Pixel pitch, metres, the same in x and y.
+        Pixel pitch, meters, the same in x and y.
     bits : int
         Bits of phase per pixel that the device's interface takes.
     number : int

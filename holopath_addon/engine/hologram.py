@@ -1,4 +1,4 @@
-"""What is to be displayed: the hologram's grid, colours and depth volume."""
+"""What is to be displayed: the hologram's grid, colors and depth volume."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Hologram:
     width, height : int
         Pixels.
     pitch : float or (float, float)
-        Pixel pitch d, metres; of pixels that are not square (x, y). Two equal numbers become one. The recordable cone
+        Pixel pitch d, meters; of pixels that are not square (x, y). Two equal numbers become one. The recordable cone
         is asin(wavelength / (2 d)) with the larger d: the round one that both directions hold.
     wavelengths : tuple of float
-        Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
+        Vacuum wavelengths, meters; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
     depth_far, depth_near : float
-        Distance from the SLM of the far end (world infinity) and of the near end, metres, negative behind it. Default:
+        Distance from the SLM of the far end (world infinity) and of the near end, meters, negative behind it. Default:
         around the SLM, so that its aperture shows both without dark edges. With a lens and ``fit`` they are counted
         from the plane of the image `in_air`; with a lens and ``eyepiece`` the far end is its front focal plane.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
-        World depth that `fit` maps to `depth_near`, metres. Default: the nearest surface in view.
+        World depth that `fit` maps to `depth_near`, meters. Default: the nearest surface in view.
     optics : Optics
         The bench around the SLM.
 
@@ -337,7 +337,7 @@ class Hologram:
 
     @property
     def depth_of_focus(self) -> float:
-        """Depth of focus 2 wavelength / slope^2 in metres, of the wavelength that has the longest."""
+        """Depth of focus 2 wavelength / slope^2 in meters, of the wavelength that has the longest."""
         return max(2 * w / self.max_slope(w) ** 2 for w in self.wavelengths)
 
     def illumination(self, number: int) -> np.ndarray | None:
@@ -457,5 +457,5 @@ def _pitch(pitch):
 
 
 def channel(wavelength: float) -> int:
-    """Index (0 red, 1 green, 2 blue) of the scene's radiance channel that a wavelength in metres shows."""
+    """Index (0 red, 1 green, 2 blue) of the scene's radiance channel that a wavelength in meters shows."""
     return 0 if wavelength > 580e-9 else 1 if wavelength > 490e-9 else 2

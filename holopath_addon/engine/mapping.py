@@ -40,13 +40,13 @@ class DepthMapping:
     Parameters
     ----------
     focal : float
-        F = hologram width / (2 tan(fov_x / 2)), metres.
+        F = hologram width / (2 tan(fov_x / 2)), meters.
     beta : float
-        Metres squared; F^2 is what a thin lens of focal length F does, and f^2 what the lens of the bench does.
+        Meters squared; F^2 is what a thin lens of focal length F does, and f^2 what the lens of the bench does.
     z_far : float
-        Hologram-space depth of world infinity, metres.
+        Hologram-space depth of world infinity, meters.
     centre_x, centre_y : float
-        Tangents of the view direction at the hologram's centre (lens shift).
+        Tangents of the view direction at the hologram's center (lens shift).
     """
 
     focal: float
@@ -64,7 +64,7 @@ class DepthMapping:
         hologram : Hologram
         camera : Camera
         near : float, optional
-            World depth at `hologram.depth_near` for the `fit` mapping, metres; needed when
+            World depth at `hologram.depth_near` for the `fit` mapping, meters; needed when
             ``hologram.near`` is not set.
         """
         hologram = hologram.in_air
@@ -80,7 +80,7 @@ class DepthMapping:
         return cls(focal, beta, hologram.depth_far, camera.shift_x * shift, camera.shift_y * shift)
 
     def depth_to_z(self, depth: ArrayLike) -> Any:
-        """Hologram-space z in metres of a world depth in metres (infinity allowed)."""
+        """Hologram-space z in meters of a world depth in meters (infinity allowed)."""
         depth = np.asarray(depth, dtype=np.float64)
         if not (depth > 0).all():
             raise InvalidInput(
@@ -89,13 +89,13 @@ class DepthMapping:
         return self.z_far + self.beta / depth
 
     def z_to_depth(self, z: ArrayLike) -> Any:
-        """World depth in metres of a hologram-space z in metres; infinite at and beyond the far end."""
+        """World depth in meters of a hologram-space z in meters; infinite at and beyond the far end."""
         offset = np.asarray(z, dtype=np.float64) - self.z_far
         with np.errstate(divide="ignore"):
             return np.where(offset > 0, self.beta / np.where(offset > 0, offset, 1.0), np.inf)
 
     def pupil_radius(self, max_slope: float) -> float:
-        """Radius in metres, in the world, of the pupil that a cone of slope `max_slope` fills."""
+        """Radius in meters, in the world, of the pupil that a cone of slope `max_slope` fills."""
         return max_slope * self.beta / self.focal
 
 

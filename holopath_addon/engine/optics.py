@@ -60,12 +60,12 @@ BEAM_FILE, STOP_FILE = "beam.npy", "stop.npy"
 
 @dataclass(frozen=True)
 class Pupil:
-    """A circular part of the viewer's pupil plane, in world metres about the camera's axis.
+    """A circular part of the viewer's pupil plane, in world meters about the camera's axis.
 
     Attributes
     ----------
     x, y : float
-        Centre, to the right and up.
+        Center, to the right and up.
     diameter : float
         Positive. What lies beyond the recordable cone holds no light.
     """

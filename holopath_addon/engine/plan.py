@@ -18,7 +18,7 @@ PHASES = "sgd", "joint", "look", "light", "rays", "frame", "step"  # see `planni
 
 @dataclass(frozen=True)
 class RecordingPlane:
-    """A plane that rays start from, and the slab of the volume that it records. Distances from the SLM in metres.
+    """A plane that rays start from, and the slab of the volume that it records. Distances from the SLM in meters.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Decided(Generic[T]):
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be computed. Distances in metres.
+    """What will be computed. Distances in meters.
 
     Attributes
     ----------
@@ -135,9 +135,9 @@ class Plan:
     virtual_image : str
         'curvature', or 'opl' where it is asked for or exact.
     pupil : float
-        Radius of the pupil that nearly smooth mirrors are followed for, metres; 0 where none is in view.
+        Radius of the pupil that nearly smooth mirrors are followed for, meters; 0 where none is in view.
     coherent : bool
-        Whether neighbouring rays are traced in packets.
+        Whether neighboring rays are traced in packets.
     cone : float
         Half-angle of the lattice in recordable slopes.
     levels : int

@@ -200,7 +200,7 @@ class Declaration:
     chosen : dict of str to Choice
         What it may be, where that is a word.
     unit : str
-        'mm' of what the engine has in metres.
+        'mm' of what the engine has in meters.
     initial : float or None
         What a number that need not be set is at first when it is.
     switch : Switch, optional
@@ -268,7 +268,7 @@ class Settings:
     """How a hologram is computed. Defaults suit most scenes; the plan fills what is left open.
 
     For the `BASELINES`, which are other people's methods, to be compared with, these count: `frames`, `quality`, `spp`
-    (paths of a picture's pixel), `max_depth` and `seed`. Distances are in metres here, whatever their unit elsewhere.
+    (paths of a picture's pixel), `max_depth` and `seed`. Distances are in meters here, whatever their unit elsewhere.
     `fixed` holds values by name, see `FIXABLE`.
 
     Raises

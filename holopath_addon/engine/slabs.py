@@ -23,7 +23,7 @@ DEPTH_BINS = 128  # that slabs are fitted to
 
 @dataclass(frozen=True)
 class Slab:
-    """Depths z between two ramps, metres from the SLM; infinite where there is no other slab.
+    """Depths z between two ramps, meters from the SLM; infinite where there is no other slab.
 
     Attributes
     ----------

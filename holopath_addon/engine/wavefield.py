@@ -31,7 +31,7 @@ class WaveField:
     hologram : Hologram
     camera : Camera
     near : float
-        World depth in metres at the volume's near end.
+        World depth in meters at the volume's near end.
     plan, report : dict
         What was planned, and seconds and rays per stage.
     modulated : bool

@@ -56,9 +56,9 @@ class BaselineInput:
     settings : Settings
         Frames, seed, quality and the longest path; `spp` sets the paths of a picture's pixel.
     near : float
-        World depth of the volume's near end, metres.
+        World depth of the volume's near end, meters.
     z_low, z_high : float
-        Hologram-space depths between which surfaces were seen, metres from the SLM.
+        Hologram-space depths between which surfaces were seen, meters from the SLM.
     notes : list of str
         Takes what the user is to know of how it went.
     """
@@ -93,13 +93,13 @@ class BaselineInput:
         camera, square = squared(self.camera, self.hologram)
         return replace(self, camera=camera, hologram=square)
 
-    def at_pixels(self, picture: np.ndarray, colour: int, order: int = 1) -> np.ndarray:
+    def at_pixels(self, picture: np.ndarray, color: int, order: int = 1) -> np.ndarray:
         """A picture on the grid `of_pictures` where the light of a wavelength has the panel's pixels.
 
         Parameters
         ----------
         picture : numpy.ndarray, shape (y, x)
-        colour : int
+        color : int
             Number of the wavelength.
         order : int
             Of the spline between pixels: 0 takes the nearest. Beyond the border it is that of the border.
@@ -110,7 +110,7 @@ class BaselineInput:
         """
         if self.hologram.plain:
             return picture
-        raster = self.hologram.raster(self.hologram.wavelengths[colour])
+        raster = self.hologram.raster(self.hologram.wavelengths[color])
         lines = raster.lines_on(self.hologram.picture.raster())
         places = (line.first + line.step * np.arange(line.count) for line in lines)
         at = np.meshgrid(*places, indexing="ij")

@@ -20,11 +20,11 @@ quarter as wide, 0.6 of its radius from the middle:
 At 64 frames the last reaches 26.0 dB with cells of up to 8 pixels as well as with one Gaussian a pixel (26.1 dB), as do
 RGB-D layers (26.0 dB); one random phase each 25.4 dB, and 23.5 dB if they are large.
 
-Gaussians are here not fitted to photographs: they are sampled from what the pupil's centre sees, one in each cell of
+Gaussians are here not fitted to photographs: they are sampled from what the pupil's center sees, one in each cell of
 a quadtree that is as coarse as radiance and depth allow, as wide and as inclined as the surface in it. Those that lie
 within half a depth of focus are side by side on one surface rather than behind each other: their opacities add up,
 until it is opaque, and a plane shows them all at once. What they cost is therefore what is seen, with FFTs the most of
-it. Radiance is the same from all over the pupil, and what its centre does not see is missing.
+it. Radiance is the same from all over the pupil, and what its center does not see is missing.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ CHUNK = 1 << 20  # pixels of Gaussians at a time
 
 @dataclass(frozen=True)
 class Gaussians:
-    """Gaussian disks as the pupil's centre sees them: as high as wide, one in each cell.
+    """Gaussian disks as the pupil's center sees them: as high as wide, one in each cell.
 
     Attributes
     ----------
     row, column : numpy.ndarray, shape (n,)
-        Of the centres, pixels.
+        Of the centers, pixels.
     z, down, right : numpy.ndarray, shape (n,)
-        Distance of the centres from the SLM, metres, and how much it grows with each row and column.
+        Distance of the centers from the SLM, meters, and how much it grows with each row and column.
     side : numpy.ndarray of int, shape (n,)
         Of the cells, pixels.
     radiance : numpy.ndarray, shape (n, wavelength)
@@ -82,9 +82,9 @@ class Gaussians:
         ----------
         radiance : numpy.ndarray, shape (wavelength, y, x)
         z : numpy.ndarray, shape (y, x)
-            Metres from the SLM.
+            Meters from the SLM.
         thickness : float
-            Most that the surface in a cell is off its Gaussian's plane, metres.
+            Most that the surface in a cell is off its Gaussian's plane, meters.
         """
         amplitude = np.sqrt(radiance)
         contrast = CONTRAST * max(float(np.percentile(amplitude, 95)), 1e-12)
@@ -117,12 +117,12 @@ class Gaussians:
         return cls(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(cls)))
 
     def between(self, low: float, high: float, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """What of the disks lies between two depths, seen from the pupil's centre.
+        """What of the disks lies between two depths, seen from the pupil's center.
 
         Parameters
         ----------
         low, high : float
-            Metres from the SLM.
+            Meters from the SLM.
         shape : (int, int)
             Rows and columns.
 
@@ -177,7 +177,7 @@ def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progre
     ----------
     gaussians : Gaussians
     depths : numpy.ndarray
-        Of the planes, from the farthest to the nearest, metres from the SLM.
+        Of the planes, from the farthest to the nearest, meters from the SLM.
     """
     hologram, frames = job.hologram, job.settings.frames
     waves = np.zeros((frames, len(hologram.wavelengths), *job.shape), np.complex64)
@@ -210,7 +210,7 @@ def _cells(values, side):
 
 
 def _slope(z, axis):
-    """Growth of z from pixel to pixel: of both neighbours' the smaller, which does not reach over an outline."""
+    """Growth of z from pixel to pixel: of both neighbors' the smaller, which does not reach over an outline."""
     step = np.diff(z, axis=axis)
     before = np.concatenate([step.take([0], axis), step], axis)
     after = np.concatenate([step, step.take([-1], axis)], axis)

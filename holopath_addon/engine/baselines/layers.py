@@ -63,12 +63,12 @@ def sliced(job: BaselineInput, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ----------
     job : BaselineInput
     z : numpy.ndarray, shape (y, x)
-        Metres from the SLM.
+        Meters from the SLM.
 
     Returns
     -------
     depths : numpy.ndarray
-        Of the layers, from the farthest to the nearest, metres from the SLM.
+        Of the layers, from the farthest to the nearest, meters from the SLM.
     number : numpy.ndarray of int, shape (y, x)
         Layer of each pixel.
     """
@@ -79,12 +79,12 @@ def sliced(job: BaselineInput, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low + (filled + 0.5) * (high - low) / count, number.reshape(z.shape)
 
 
-def random_phasor(job: BaselineInput, frame: int, colour: int, randomness: float | None = None) -> np.ndarray:
-    """exp(i r phi) with phases phi independent from pixel to pixel, frame to frame and colour to colour.
+def random_phasor(job: BaselineInput, frame: int, color: int, randomness: float | None = None) -> np.ndarray:
+    """exp(i r phi) with phases phi independent from pixel to pixel, frame to frame and color to color.
 
     The randomness r is by default `light_randomness` the frames.
     """
-    rng = np.random.default_rng((job.settings.seed, frame, colour))
+    rng = np.random.default_rng((job.settings.seed, frame, color))
     if randomness is None:
         randomness = light_randomness(job.settings.frames)
     turn = np.complex64(2j * math.pi * randomness)

@@ -6,8 +6,8 @@ al., ACM TOG 39(6), 185 (2020)). HoloPath brings no network: the environment var
 
     function(rgb, z, hologram, frame)
 
-    rgb       numpy.ndarray, float32, shape (y, x, wavelength): linear radiance from the pupil's centre, top row first
-    z         numpy.ndarray, float32, shape (y, x): of the surface at each pixel, metres from the SLM
+    rgb       numpy.ndarray, float32, shape (y, x, wavelength): linear radiance from the pupil's center, top row first
+    z         numpy.ndarray, float32, shape (y, x): of the surface at each pixel, meters from the SLM
     hologram  Hologram: pitch, wavelengths, depths; light runs to +z, time dependence exp(-i omega t)
     frame     int, from 0
 

@@ -5,7 +5,7 @@
 summed on planes z_p amid the points, where each point's wave h is a few pixels wide (Shimobaba, Masuda and Ito, Opt.
 Lett. 34, 3133 (2009)), and from these propagated to the SLM by the angular spectrum method. h is looked up in a table
 of depths (Lucente, J. Electron. Imaging 2, 28 (1993)); there are as many planes as are fast (two: Phan et al., Appl.
-Opt. 53, 4817 (2014)). Points seen from the pupil's centre are one a pixel, hence sorted into a grid already, and every
+Opt. 53, 4817 (2014)). Points seen from the pupil's center are one a pixel, hence sorted into a grid already, and every
 pixel of a plane gathers those within its reach, for all frames and wavelengths at once.
 
 phi is random, alike in all wavelengths, and takes in the carrier exp(i k z). Points do not hide one another: what an
@@ -84,7 +84,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
 
 def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
-    """Ends (low, high), metres from the SLM, of the slabs that have a recording plane in their middle each.
+    """Ends (low, high), meters from the SLM, of the slabs that have a recording plane in their middle each.
 
     As many as take the least time, where a pixel gathers pi R^2 points from a slab, R the reach of its outermost.
     """
@@ -102,7 +102,7 @@ def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
 
 
 def reach(hologram: Hologram, distance: ArrayLike) -> Any:
-    """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
+    """Pixels to the rim of the sub-hologram of a point at a distance in meters from the plane."""
     return CONE * hologram.widest_slope * np.abs(distance) / hologram.pitch + TAIL
 
 
@@ -117,7 +117,7 @@ class SubHolograms:
     radii : numpy.ndarray, shape (level,)
         Reach in pixels; dark beyond.
     scale : float
-        Levels a metre.
+        Levels a meter.
     """
 
     values: np.ndarray
@@ -126,7 +126,7 @@ class SubHolograms:
 
     @classmethod
     def of(cls, hologram: Hologram, limit: float) -> SubHolograms:
-        """Of points up to a distance in metres.
+        """Of points up to a distance in meters.
 
         h(x, d) = inverse DFT of exp(-i d (k - kz)), even in both frequencies, hence a cosine transform. What lies
         beyond the recordable circle is left in, for propagation cuts it: a wave without an edge there is narrower.
@@ -173,7 +173,7 @@ def gather(
     out : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
     waves : SubHolograms
     distance : numpy.ndarray, shape (y, x)
-        From each pixel's point on to the plane, metres.
+        From each pixel's point on to the plane, meters.
     amplitude : numpy.ndarray, shape (wavelength, y, x)
         Of the points; zero where there is none.
     groups : list of range
@@ -183,12 +183,12 @@ def gather(
     progress : callable
         ``progress(done)``, may raise.
     """
-    frames, colours, height, width = out.shape
+    frames, colors, height, width = out.shape
     margin, side, stride = waves.margin, waves.margin + 1, width + 2 * waves.margin
     level = distance * waves.scale
     points = np.pad(np.stack([level, *amplitude]), ((0, 0), (margin, margin), (margin, margin)))
-    points = packed(points.reshape(colours + 1, -1).T.astype(np.float32))
-    table = packed(waves.values.reshape(-1, colours).view(np.float32))
+    points = packed(points.reshape(colors + 1, -1).T.astype(np.float32))
+    table = packed(waves.values.reshape(-1, colors).view(np.float32))
 
     # outwards: how far on from the pixel the point lies, wrapped where it lies back, and what to look up for it
     down, right = np.mgrid[-margin:side, -margin:side].reshape(2, -1)
@@ -206,13 +206,13 @@ def gather(
     counts = counts[pixels]
     places = (pixels // width + margin) * stride + pixels % width + margin
 
-    together = min(CHUNK_BYTES // (8 * len(groups[0]) * colours), CHUNK_POINTS // counts.max(initial=1))
-    out, done = out.reshape(frames, colours, -1), 0
+    together = min(CHUNK_BYTES // (8 * len(groups[0]) * colors), CHUNK_POINTS // counts.max(initial=1))
+    out, done = out.reshape(frames, colors, -1), 0
     for group, phasor in zip(groups, phasors, strict=True):
         for first in range(0, len(pixels), together):
             part = slice(first, first + together)
             sums = _gathered(places[part], counts[part], steps, points, phasor, len(group), table, waves)
-            for number, (k, m) in enumerate(np.ndindex(colours, len(group))):
+            for number, (k, m) in enumerate(np.ndindex(colors, len(group))):
                 real, imaginary = (np.asarray(sums[2 * number + n]) for n in (0, 1))
                 out[group[m], k, pixels[part]] += (real + 1j * imaginary) / PHASOR_SCALE
             done += counts[part].sum()
@@ -221,17 +221,17 @@ def gather(
 
 def _gathered(places, counts, steps, points, phasors, frames, table, waves):
     """Sums of the first `counts` of the steps from each of some places, as parts by wavelength and frame."""
-    levels, side, _, colours = waves.values.shape
+    levels, side, _, colors = waves.values.shape
     place, limit = (loaded(mi.UInt32, values) for values in (places, counts))
     size, last = dr.opaque(mi.UInt32, side * side), dr.opaque(mi.Float, levels - 1)
 
     def body(step, sums):
         on, entry = gather_row(steps, step, 2)
-        level, *amplitude = gather_row(points, place + on, 1 + colours)
+        level, *amplitude = gather_row(points, place + on, 1 + colors)
         phasor = gather_phasors(phasors, place + on, frames)
-        wave = gather_row(table, mi.UInt32(dr.minimum(dr.abs(level), last)) * size + entry, 2 * colours)
+        wave = gather_row(table, mi.UInt32(dr.minimum(dr.abs(level), last)) * size + entry, 2 * colors)
         sums = list(sums)
-        for k in range(colours):
+        for k in range(colors):
             real, imaginary = amplitude[k] * wave[2 * k], amplitude[k] * wave[2 * k + 1]
             imaginary = dr.select(level < 0, -imaginary, imaginary)
             for m in range(frames):
@@ -240,18 +240,18 @@ def _gathered(places, counts, steps, points, phasors, frames, table, waves):
                 sums[at + 1] = dr.fma(real, sine, dr.fma(imaginary, cosine, sums[at + 1]))
         return step + 1, sums
 
-    state = (mi.UInt32(0), [dr.zeros(mi.Float, len(places)) for _ in range(2 * frames * colours)])
+    state = (mi.UInt32(0), [dr.zeros(mi.Float, len(places)) for _ in range(2 * frames * colors)])
     _, sums = dr.while_loop(state, lambda step, *_: step < limit, body, label="point cloud")
     dr.eval(sums)
     return sums
 
 
 def propagate(out: np.ndarray, hologram: Hologram, distance: float, progress: PartProgress) -> None:
-    """Propagate fields, shape (frame, wavelength, y, x), by a distance in metres, in place."""
-    frames, colours, *shape = out.shape
+    """Propagate fields, shape (frame, wavelength, y, x), by a distance in meters, in place."""
+    frames, colors, *shape = out.shape
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(shape, hologram.pitch, wavelength, distance)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         for m in range(frames):
             out[m, k] = field_of(spectrum(out[m, k], padded) * transfer, shape)
-            progress((k * frames + m + 1) / (colours * frames))
+            progress((k * frames + m + 1) / (colors * frames))

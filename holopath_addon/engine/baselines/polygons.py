@@ -53,13 +53,13 @@ CHUNK_PATHS = 1 << 18
 
 @dataclass(frozen=True)
 class Sheet:
-    """Facets that do not lie behind one another, at the pixels' centres.
+    """Facets that do not lie behind one another, at the pixels' centers.
 
     Attributes
     ----------
     radiance : numpy.ndarray, float32, shape (wavelength, y, x)
     z : numpy.ndarray, float64, shape (y, x)
-        Metres from the SLM; NaN where there is none.
+        Meters from the SLM; NaN where there is none.
     """
 
     radiance: np.ndarray
@@ -125,9 +125,9 @@ def tilts(shape: tuple[int, int], pitch: float, wavelength: float, half: float) 
     shape : (int, int)
         Padded rows and columns.
     pitch, wavelength : float
-        Metres.
+        Meters.
     half : float
-        Half thickness t of a slab, metres.
+        Half thickness t of a slab, meters.
 
     Returns
     -------
@@ -204,9 +204,9 @@ def hidden(job: BaselineInput, z: np.ndarray, gap: float, pixels: np.ndarray, pr
     ----------
     job : BaselineInput
     z : numpy.ndarray, shape (y, x)
-        Of the first ones, metres from the SLM.
+        Of the first ones, meters from the SLM.
     gap : float
-        Least distance from them, metres.
+        Least distance from them, meters.
     pixels : numpy.ndarray of int
         Where to look, numbers row by row.
     progress : callable
@@ -260,7 +260,7 @@ def _radiance(job, origins, directions, progress):
 
     integrator = path_tracer(job.scene, job.camera.sees_sky, job.settings.max_depth)
     paths = max(1, job.paths // 4)
-    limit, colours = dr.opaque(mi.UInt32, paths), np.empty(origins.shape, np.float32)
+    limit, colors = dr.opaque(mi.UInt32, paths), np.empty(origins.shape, np.float32)
     at_once = max(1, CHUNK_PATHS // paths)
     for first in range(0, origins.shape[1], at_once):
         progress(first / origins.shape[1], "Hidden facets")
@@ -275,5 +275,5 @@ def _radiance(job, origins, directions, progress):
 
         state = (mi.UInt32(0), dr.zeros(mi.Color3f, dr.width(ray)), sampler)
         _, light, _ = dr.while_loop(state, lambda number, *_: number < limit, body, label="hidden facets")
-        colours[:, part] = np.asarray(light) / paths
-    return colours
+        colors[:, part] = np.asarray(light) / paths
+    return colors

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance and depth of what is seen from the pupil's centre.
+    """Radiance and depth of what is seen from the pupil's center.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarr
     -------
     radiance : numpy.ndarray, float32, shape (wavelength, y, x)
     z : numpy.ndarray, float64, shape (y, x)
-        Metres from the SLM, of the surface at each pixel's centre; the volume's far end where there is none.
+        Meters from the SLM, of the surface at each pixel's center; the volume's far end where there is none.
     """
     settings, size = job.settings, (job.hologram.width, job.hologram.height)
 
@@ -46,14 +46,14 @@ def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarr
     return radiance, np.clip(z, job.z_low, job.z_high)
 
 
-def in_each_wavelength(job: BaselineInput, colours: Callable[[], np.ndarray]) -> np.ndarray:
+def in_each_wavelength(job: BaselineInput, colors: Callable[[], np.ndarray]) -> np.ndarray:
     """Radiance in each wavelength of a hologram, as far as the scene tells them apart.
 
     Parameters
     ----------
     job : BaselineInput
-    colours : callable
-        ``colours()`` gives red, green and blue along the first axis, of the scene as it is tuned then.
+    colors : callable
+        ``colors()`` gives red, green and blue along the first axis, of the scene as it is tuned then.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def in_each_wavelength(job: BaselineInput, colours: Callable[[], np.ndarray]) ->
     radiance = {}
     for group in wavelength_groups(job.scene, job.hologram.wavelengths):
         with tuned(job.scene, group):
-            found = colours()
+            found = colors()
         radiance |= {wavelength: found[channel(wavelength)] for wavelength in group}
     return np.stack([radiance[wavelength] for wavelength in job.hologram.wavelengths])
 
@@ -78,9 +78,9 @@ def through_pupil(
     ----------
     job : BaselineInput
     z : float
-        Metres from the SLM.
+        Meters from the SLM.
     parts : sequence of (float, float, float)
-        Centre, to the right and up, and radius of each part, in slopes of the light that comes through it. What is
+        Center, to the right and up, and radius of each part, in slopes of the light that comes through it. What is
         beyond a wavelength's own cone is not open.
     progress : callable
         ``progress(done, message)``, may raise.

@@ -66,7 +66,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
 
 def hogel_side(pitch: float, wavelength: float, reach: float) -> int:
-    """Pixels along a side of hogels, even, that show points up to `reach` metres from their plane."""
+    """Pixels along a side of hogels, even, that show points up to `reach` meters from their plane."""
     return int(np.clip(2 * math.ceil(0.5 * ZONE * math.sqrt(wavelength * reach) / pitch), LEAST, MOST))
 
 
@@ -78,7 +78,7 @@ def frequencies(side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def window(offset: np.ndarray, side: int) -> np.ndarray:
-    """w along one axis, `offset` pixels from a hogel's centre."""
+    """w along one axis, `offset` pixels from a hogel's center."""
     return np.where(2 * np.abs(offset) < side, np.cos(math.pi * offset / side) ** 2, 0)
 
 
@@ -111,7 +111,7 @@ def stereogram(job: BaselineInput, plane: float, k: int, side: int, progress: Pa
     ----------
     job : BaselineInput
     plane : float
-        Metres from the SLM.
+        Meters from the SLM.
     k : int
         Number of the wavelength.
     side : int
@@ -180,10 +180,10 @@ class _LightField:
         self.job, self.channel = job, channel(self.wavelength)
         self.rays = Rays(hologram, job.camera, job.mapping, plane)
         self.integrator = path_tracer(job.scene, job.camera.sees_sky, settings.max_depth)
-        colours = len(hologram.wavelengths)
-        self.paths = dr.opaque(mi.UInt32, math.ceil(PICTURES * job.paths / (self.count * colours)))
+        colors = len(hologram.wavelengths)
+        self.paths = dr.opaque(mi.UInt32, math.ceil(PICTURES * job.paths / (self.count * colors)))
         self.sampler = mi.load_dict({"type": "independent"})
-        self.seed = (settings.seed * colours + k) * 9973
+        self.seed = (settings.seed * colors + k) * 9973
 
     def band(self, first, rows):
         """Amplitudes, complex, at some rows of pixels, and numbers of the pixels where the light comes from.

@@ -31,7 +31,7 @@ WITHIN = 1e-6  # of a pupil's radius that may lie beyond the light
 
 
 def pupil_radius(field: WaveField) -> float:
-    """Radius in metres of the pupil that all wavelengths fill, within the stop."""
+    """Radius in meters of the pupil that all wavelengths fill, within the stop."""
     return _edge(field) * field.hologram.optics.opening[2]
 
 
@@ -157,7 +157,7 @@ class PathTraced:
     max_depth: int
 
     def __call__(self, focus: Sequence[float], pupil: Pupil | None, progress: Progress) -> np.ndarray:
-        """Pictures at world depths, metres, through a part of the pupil: (focus, half, y, x, wavelength)."""
+        """Pictures at world depths, meters, through a part of the pupil: (focus, half, y, x, wavelength)."""
         field = self.field
         return reference(
             self.scene, field.camera, field.hologram, focus, pupil, self.paths, field.near, self.max_depth, progress,
@@ -229,15 +229,15 @@ def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
     """
     hologram, grid = phase.hologram, phase.hologram.in_air
     shape = grid.raster(hologram.wavelengths[0]).shape
-    found, (frames, colours) = [], phase.data.shape[:2]
-    for colour, wavelength in enumerate(hologram.wavelengths):
+    found, (frames, colors) = [], phase.data.shape[:2]
+    for color, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
         band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
         way = behind_lens(hologram, wavelength)
-        illumination = phase.hologram.illumination(colour)
+        illumination = phase.hologram.illumination(color)
         beam = 1 if illumination is None else illumination
-        for number, frame in enumerate(phase.data[:, colour]):
-            progress((colour * frames + number) / (colours * frames), "Diffraction efficiency")
+        for number, frame in enumerate(phase.data[:, color]):
+            progress((color * frames + number) / (colors * frames), "Diffraction efficiency")
             light = beam * np.exp(1j * frame.astype(np.float64))
             total += math.prod(shape) * (np.abs(light) ** 2).sum()
             power = np.abs(scipy.fft.fft2(light if way is None else way.there(light))) ** 2

@@ -25,12 +25,12 @@ def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np
     scene : mitsuba.Scene
     camera : Camera
     across, upward : numpy.ndarray, shape (n,)
-        Tangents of the directions from the pupil's centre, to the right and up of the camera's axis.
+        Tangents of the directions from the pupil's center, to the right and up of the camera's axis.
 
     Returns
     -------
     numpy.ndarray, float32, shape (n,)
-        World depths in metres; infinite where there is nothing within the camera's clipping range.
+        World depths in meters; infinite where there is nothing within the camera's clipping range.
     """
     variants.activate_for(scene)
     # of unit length along the axis, so that distances along the ray are depths
@@ -40,7 +40,7 @@ def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np
 
 
 def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.ndarray:
-    """Depth of the first surface at every pixel's centre.
+    """Depth of the first surface at every pixel's center.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.nd
     Returns
     -------
     numpy.ndarray, float32, shape (height, width)
-        World depths in metres, infinite where there is nothing; row 0 at the top.
+        World depths in meters, infinite where there is nothing; row 0 at the top.
 
     Raises
     ------
@@ -63,10 +63,10 @@ def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.nd
 
 
 def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, height: int) -> np.ndarray:
-    """Depth at which what is seen at every pixel's centre comes into focus, by the plan's own optics.
+    """Depth at which what is seen at every pixel's center comes into focus, by the plan's own optics.
 
     That of the surface, but for mirrors and clear surfaces: there it is that of the image that they show, seen from
-    the pupil's centre. Where several things are seen through each other, the one of the largest share counts.
+    the pupil's center. Where several things are seen through each other, the one of the largest share counts.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, hei
     Returns
     -------
     numpy.ndarray, float32, shape (height, width)
-        World depths in metres, row 0 at the top; infinite where there is nothing or the sky, negative for light that
+        World depths in meters, row 0 at the top; infinite where there is nothing or the sky, negative for light that
         converges behind the viewer, as of concave mirrors.
 
     Raises
@@ -114,7 +114,7 @@ def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, hei
 
 
 def _pixels(camera, width, height):
-    """Tangents of the directions of the pixels' centres, row by row."""
+    """Tangents of the directions of the pixels' centers, row by row."""
     pixel = 2 * math.tan(camera.fov_x / 2) / width
     columns = (np.arange(width) - 0.5 * (width - 1) + camera.shift_x * width) * pixel
     rows = (0.5 * (height - 1) - np.arange(height) + camera.shift_y * width) * pixel

@@ -41,12 +41,12 @@ def pupil_points(
     Returns
     -------
     numpy.ndarray, shape (v, u, 2)
-        Metres to the right and up of the axis; v runs down, as the rows of a picture do.
+        Meters to the right and up of the axis; v runs down, as the rows of a picture do.
     """
-    centre, radius = _disc(hologram, mapping, pupil)
+    center, radius = _disc(hologram, mapping, pupil)
     half = radius / np.sqrt(2)
     steps = np.linspace(-half, half, count) if count > 1 else np.zeros(1)
-    u, v = np.meshgrid(centre[0] + steps, centre[1] - steps)
+    u, v = np.meshgrid(center[0] + steps, center[1] - steps)
     return np.stack([u, v], axis=-1)
 
 
@@ -105,7 +105,7 @@ def pinhole_pictures(
 ) -> np.ndarray:
     """Pictures through points of the pupil, by Mitsuba's path tracer.
 
-    Without a focus all look in the same direction: seen from X metres to the right, a thing at depth D lies
+    Without a focus all look in the same direction: seen from X meters to the right, a thing at depth D lies
     X width / (2 D tan(fov_x / 2)) pixels to the left of where the camera sees it.
 
     Parameters
@@ -113,7 +113,7 @@ def pinhole_pictures(
     scene, camera, hologram :
         As for `render`.
     points : sequence of (float, float)
-        Metres to the right and up of the camera's axis.
+        Meters to the right and up of the camera's axis.
     spp : int
         Paths a pixel, in steps of 16.
     max_depth, seed : int
@@ -121,7 +121,7 @@ def pinhole_pictures(
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
     focus : float, optional
-        World depth in metres at which all see the same. Default: infinity.
+        World depth in meters at which all see the same. Default: infinity.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def pinhole_pictures(
     pictures = np.empty((len(points), *reversed(size), len(channels)), np.float32)
     steps = -(-spp // AT_ONCE)
     for k, point in enumerate(points):
-        preview.look(camera, *size, focus, centre=tuple(point))
+        preview.look(camera, *size, focus, center=tuple(point))
         for step in range(steps):
             done = (k * steps + step) / (len(points) * steps)
             light = preview.refine(AT_ONCE, lambda part, message, done=done: progress(done, "Views"))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
 
 CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
-FARTHEST = 1e30  # metres; single precision stays finite
+FARTHEST = 1e30  # meters; single precision stays finite
 
 
 class Preview:
@@ -32,11 +32,11 @@ class Preview:
     width, height : int
         Pixels.
     focus : float, optional
-        World depth that is sharp, metres; `math.inf`, the default, allowed.
+        World depth that is sharp, meters; `math.inf`, the default, allowed.
     aperture : float
-        Radius of the lens, metres; 0 is a pinhole, to which everything is sharp.
-    centre : (float, float)
-        Of the lens, metres to the right and up from the camera's axis.
+        Radius of the lens, meters; 0 is a pinhole, to which everything is sharp.
+    center : (float, float)
+        Of the lens, meters to the right and up from the camera's axis.
     max_depth : int
         As `Settings.max_depth`.
     seed : int
@@ -61,12 +61,12 @@ class Preview:
         aperture: float = 0.0,
         max_depth: int = 8,
         seed: int = 0,
-        centre: tuple[float, float] = (0.0, 0.0),
+        center: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         variants.activate_for(scene)
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
-        self.look(camera, width, height, focus, aperture, centre)
+        self.look(camera, width, height, focus, aperture, center)
 
     def look(
         self,
@@ -75,7 +75,7 @@ class Preview:
         height: int,
         focus: float | None = None,
         aperture: float = 0.0,
-        centre: tuple[float, float] = (0.0, 0.0),
+        center: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Start anew with another view of the scene; parameters as above."""
         import drjit as dr
@@ -90,7 +90,7 @@ class Preview:
                 "A focus distance must be in front of the camera: give a positive number of meters, or inf."
             )
         self._lens = CameraLens(camera, width, height, focus or math.inf)
-        self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)
+        self._aperture, self._center = number(aperture), constant(mi.Point2f, center)
         if camera.sees_sky not in self._integrators:
             self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
         self._integrator = self._integrators[camera.sees_sky]
@@ -144,7 +144,7 @@ class Preview:
 
         def body(count, light, sampler):
             place, point = corner + sampler.next_2d(), sampler.next_2d()
-            point = self._centre + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
+            point = self._center + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
             found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
             return count + 1, light + found, sampler
 
@@ -179,7 +179,7 @@ class CameraLens:
         place : mitsuba.Point2f
             Pixels from the picture's upper left corner, to the right and down.
         point : mitsuba.Point2f
-            Of the lens, metres to the right and up from its middle.
+            Of the lens, meters to the right and up from its middle.
         """
         import drjit as dr
         import mitsuba as mi

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 MOST_BYTES = (
     1 << 29
-)  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
+)  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colors has room for eight frames
 FAR = 4  # widths that the steepest waves walk: to where a grid of the SLM's pixels, padded, is wide enough
 
 
@@ -239,8 +239,8 @@ class Refocuser:
     def _far(self, distances, pupil, progress):
         """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
-        frames, colours, *shape = data.shape
-        images = arrays.zeros((len(distances), size.height, size.width, colours), "float32", data)
+        frames, colors, *shape = data.shape
+        images = arrays.zeros((len(distances), size.height, size.width, colors), "float32", data)
         done = 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, 0.0)
@@ -256,7 +256,7 @@ class Refocuser:
                 for place, way in enumerate(ways):
                     images[place, ..., k] += arrays.intensity(way.there(wave)) / frames
                 done += len(ways)
-                progress(done / (len(distances) * frames * colours), "Refocusing")
+                progress(done / (len(distances) * frames * colors), "Refocusing")
         # beyond that pixels send the same once more
         for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
             n = images.shape[axis]
@@ -267,18 +267,18 @@ class Refocuser:
 
     def _near(self, views, progress, apart):
         """By angular spectra."""
-        grid, (frames, colours) = self._grid, self.field.data.shape[:2]
+        grid, (frames, colors) = self._grid, self.field.data.shape[:2]
         shape = grid.raster(grid.wavelengths[0]).shape
         aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
         farthest = max(abs(distance) for distance, _ in views) + aside
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
-            needed += 4 * len(views) * colours * math.prod(shape)
+            needed += 4 * len(views) * colors * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}", self.field.data)
         whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
         size = [-(-n // apart) for n in whole]
-        images, done = arrays.empty((len(views), *size, colours), "float32", self.field.data), 0
-        for k in range(colours):
+        images, done = arrays.empty((len(views), *size, colors), "float32", self.field.data), 0
+        for k in range(colors):
             padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
             masks = {pupil: self._mask(k, padded, pupil) for pupil in {pupil for _, pupil in views}}
             sparse = apart > 1 and places is None and lines is None
@@ -291,7 +291,7 @@ class Refocuser:
                 some = views[first : first + together]
                 transfers = []
                 for distance, pupil in some:
-                    progress(done / (len(views) * frames * colours), "Refocusing")
+                    progress(done / (len(views) * frames * colors), "Refocusing")
                     transfers.append(self._transfer(k, padded, distance, masks[pupil], bins[pupil], apart))
                 seen = size if lines is None else shape
                 sums = [arrays.zeros(seen, "float32", transfer) for transfer in transfers]
@@ -308,7 +308,7 @@ class Refocuser:
                             at_focus = at_focus[::apart, ::apart]
                         total += arrays.intensity(at_focus)
                         done += 1
-                        progress(done / (len(views) * frames * colours), "Refocusing")
+                        progress(done / (len(views) * frames * colors), "Refocusing")
                 for number, total in enumerate(sums, first):
                     if lines is not None:
                         total = arrays.as_type(averaged(total, lines)[::apart, ::apart], "float32")
@@ -448,7 +448,7 @@ def reconstruct(
     field : WaveField
         Its data may be of another library than NumPy, as for `propagate`.
     focus : sequence of float
-        World depths along the camera's axis, metres; `math.inf` for the far end.
+        World depths along the camera's axis, meters; `math.inf` for the far end.
     pupil : Pupil, optional
         Default: the whole recordable cone.
     progress : callable, optional
@@ -475,7 +475,7 @@ def to_rgb(image: np.ndarray, wavelengths: Sequence[float]) -> np.ndarray:
     ----------
     image : numpy.ndarray, shape (..., wavelength)
     wavelengths : sequence of float
-        Metres; each lights the channel it was rendered from. A single one gives a grey picture.
+        Meters; each lights the channel it was rendered from. A single one gives a gray picture.
 
     Returns
     -------

@@ -51,7 +51,7 @@ def reference(
     scene, camera, hologram :
         As for `render`; pictures are of the size of `Hologram.picture`.
     focus : sequence of float
-        World depths, metres; `math.inf` allowed.
+        World depths, meters; `math.inf` allowed.
     pupil : Pupil, optional
     spp : int
         Paths a pixel and wavelength, stratified; a few more where strata ask for it.
@@ -141,7 +141,7 @@ class _Pupils:
     Parameters
     ----------
     radii : dict of int to float
-        Metres, by the channel that a wavelength shows.
+        Meters, by the channel that a wavelength shows.
     pupil : Pupil or None
     optics : Optics
         Whose stop points of each wavelength's disc have to pass.
@@ -154,7 +154,7 @@ class _Pupils:
 
         if pupil and pupil.diameter / 2 >= max(radii.values()) + math.hypot(pupil.x, pupil.y):
             pupil = None  # all is open
-        self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
+        self._center = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
         discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
         self._squares = [number(r**2) for r in discs]
         self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
@@ -165,7 +165,7 @@ class _Pupils:
         self._scale = self._densities[-1]
 
     def sample(self, uniform):
-        """Points in metres, to the right and up, and their weight for each channel, of any mean."""
+        """Points in meters, to the right and up, and their weight for each channel, of any mean."""
         import drjit as dr
         import mitsuba as mi
 
@@ -179,7 +179,7 @@ class _Pupils:
         pairs = zip(self._squares, self._densities, strict=True)
         density = sum(dr.select(square <= end, share, 0) for end, share in pairs)
         sine, cosine = dr.sincos(2 * dr.pi * uniform.y)
-        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
+        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._center
         weight = mi.Color3f(0)
         for c, end in self._own.items():
             passes = dr.squared_norm(point) <= end
