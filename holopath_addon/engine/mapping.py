@@ -45,15 +45,15 @@ class DepthMapping:
         Meters squared; F^2 is what a thin lens of focal length F does, and f^2 what the lens of the bench does.
     z_far : float
         Hologram-space depth of world infinity, meters.
-    centre_x, centre_y : float
+    center_x, center_y : float
         Tangents of the view direction at the hologram's center (lens shift).
     """
 
     focal: float
     beta: float
     z_far: float
-    centre_x: float = 0.0
-    centre_y: float = 0.0
+    center_x: float = 0.0
+    center_y: float = 0.0
 
     @classmethod
     def of(cls, hologram: Hologram, camera: Camera, near: float | None = None) -> DepthMapping:
