@@ -305,7 +305,7 @@ class Refocuser:
         return mask
 
     def _far(self, distances, pupil, progress):
-        """Far-field images by one Fresnel transform each; a pixel, `picture_pitch` wide, sums the light that falls on it."""
+        """Far-field images by one Fresnel transform each: a pixel of `picture_pitch` sums the light that hits it."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
         frames, colors, *shape = data.shape
         images = arrays.zeros((len(distances), size.height, size.width, colors), "float32", data)
