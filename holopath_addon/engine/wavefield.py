@@ -10,7 +10,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import InvalidInput
-from .files import earlier, whole_folder
+from .files import overwrite_check, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
 from .memory import on_processor
@@ -71,7 +71,7 @@ class WaveField:
             If it cannot be written; nothing is left behind.
         """
         with whole_folder(
-            folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
+            folder, overwrite_check("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
         ) as part:
             np.save(part / "field.npy", on_processor(self.data))
             self.hologram.optics.save(part)

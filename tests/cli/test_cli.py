@@ -77,7 +77,7 @@ def left_over(folder):
         (["{xml}x"], "does not exist"),
         (["{out}.txt"], "does not exist"),
         (["demo:nowhere"], "no demo 'nowhere'"),
-        (["{xml}", "--display", "nothing"], "no display preset 'nothing'.*pluto-2"),
+        (["{xml}", "--display", "nothing"], "a display preset, got 'nothing'.*pluto-2"),
         (["{xml}", "--display", "pluto-2", "--pitch", "8"], "leave out"),
         (["{xml}", "--resolution", "0x64"], "resolution is 0 x 64"),
         (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
