@@ -79,10 +79,10 @@ def left_over(folder):
         (["demo:nowhere"], "no demo 'nowhere'"),
         (["{xml}", "--display", "nothing"], "a display preset, got 'nothing'.*pluto-2"),
         (["{xml}", "--display", "pluto-2", "--pitch", "8"], "leave out"),
-        (["{xml}", "--resolution", "0x64"], "resolution is 0 x 64"),
+        (["{xml}", "--resolution", "0x64"], "1 x 1 pixels, got 0 x 64"),
         (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
         (["{xml}", "--pitch", "0"], "pitch"),
-        (["{xml}", "--pitch", "8,0"], "pitch must be positive"),
+        (["{xml}", "--pitch", "8,0"], "a positive pixel pitch, got 0 µm"),
         (["{xml}", "--pitch", "8x9"], "'8x9' is no pixel pitch.*X,Y"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
         (["{xml}", "--wavelengths", "red"], "nanometers"),
@@ -818,12 +818,12 @@ def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
     capfd.readouterr()
     for more, says in (
         (["encode", str(out), "--lens", "90"], "rendered for another lens"),
-        (["plan", str(xml), "--lens", "0"], "finite and not 0, not 0 mm"),
+        (["plan", str(xml), "--lens", "0"], "finite and not 0, got 0 mm"),
         (["plan", str(xml), "--lens", "100@200@200"], "the SLM's own image"),
         (["plan", str(xml), "--lens", "near"], "Expected a lens"),
         (
             ["plan", str(xml), "--lens", "100", "--carrier", "auto"],
-            "leave out the carrier and the stop, or the lens",
+            "Omit the carrier and the stop, or the lens",
         ),
         (["plan", str(xml), "--lens", "100", "--color-scale", "1,1,1.02"], "or the lens"),
         (["reconstruct", str(out), "--distances=-1000"], "mm from the picture's plane lies beyond infinity"),

@@ -284,8 +284,8 @@ def test_a_stop_on_the_command_line(folder, tmp_path, capsys):
     assert alike[0] > 0.5 and abs(alike[1]) < 0.3  # one frame of one bit
     capsys.readouterr()
     for words, says in (
-        (["--carrier", "0.9,0.9"], "A carrier lies within the band"),
-        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far as the band"),
+        (["--carrier", "0.9,0.9"], "Expected a carrier within the band"),
+        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far"),
         (["--stop", "hole"], "Expected a stop"),
     ):
         assert cli.main([*encode, *words]) == 2

@@ -255,7 +255,7 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
         ('rgbd = "yes"\n', "Expected rgbd to be true or false, got yes"),
         ('resolution = "32"\nsd = 1\n', "cannot be read"),
         ('[grid]\nresolution = ["32"]\n', "'32' is not WIDTHxHEIGHT"),
-        ("[grid]\npitch = [-8]\n", "The pixel pitch must be positive"),
+        ("[grid]\npitch = [-8]\n", "Expected a positive pixel pitch"),
         ('[grid]\ndisplay = ["leto-3"]\n', "--display sets resolution and pitch"),
         ('[grid]\nencode = ["best"]\n', "argument --encode: invalid choice"),
         ("[grid]\npupil = [[0, 0, -1]]\n", "positive diameter"),
