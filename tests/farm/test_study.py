@@ -244,7 +244,7 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
     [
         ("frame = 3\n", "Expected a setting among quality, "),
         ('out = "x"\n', "got 'out'"),
-        ("[grid]\nframes = [1, 0]\n", "Frames must be from 1 to 256, not 0"),
+        ("[grid]\nframes = [1, 0]\n", "Frames must be from 1 to 256, got 0"),
         ('[grid]\nquality = ["best"]\n', "argument --quality: invalid choice: 'best'"),
         ("[grid]\nframes = 3\n", "Expected frames in [grid] as a list of one or more"),
         ("[grid]\nframes = []\n", "Expected frames in [grid] as a list of one or more"),
@@ -283,7 +283,7 @@ def test_refuses_before_anything_is_rendered(text, says, study, renders, tmp_pat
         ('scenes = ["ball.ply"]', "ball.ply is a picture, a point cloud or views, which studies do not take"),
         ("", "Expected scenes as a list of one or more"),
         ("scenes = [1]", "Expected scenes as files or demo:NAME"),
-        ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, not -1"),
+        ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, got -1"),
         ('scenes = ["ball.xml"]\nlist = [1]', "Expected list as tables of settings"),
         ('scenes = ["ball.xml"]\ngrid = 1', "Expected grid as a table"),
     ],
