@@ -50,5 +50,5 @@ def test_depths_there_and_back():
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, math.nan])
 def test_focus_behind_the_camera_is_refused(depth):
-    with pytest.raises(InvalidInput, match="in front of the camera"):
+    with pytest.raises(InvalidInput, match="Expected a focus distance of a positive number of meters"):
         mapping_of("fit").depth_to_z(depth)
