@@ -162,7 +162,7 @@ def test_the_field_is_that_of_pixels_in_the_air(slanted, camera, lens):
     own = engine.render(slanted, camera, Hologram(48, 48, image.pitch, (GREEN,), *ends), SETTINGS)
     field = engine.render(slanted, camera, hologram, SETTINGS)
     assert field.data.shape == (4, 1, 48, 48) and field.near == own.near
-    there = behind_lens(hologram, GREEN).there(field.data[:, 0])
+    there = behind_lens(hologram, GREEN).propagate(field.data[:, 0])
     assert np.linalg.norm(there - own.data[:, 0]) < 1e-4 * np.linalg.norm(there)
     focus = [0.7, 1.0, 1.6]
     np.testing.assert_allclose(
@@ -235,7 +235,7 @@ def test_the_slope_of_phases_behind_a_lens():
         def loss(step):
             # the factor of the step before is 1 until it is set
             compared.factors, compared._waves = np.ones(1, complex), np.empty((1, 16, 16), complex)
-            phases = Phases(angle + step * change, threads, way=way)
+            phases = Phases(angle + step * change, threads, lens=way)
             return phases, compared.gradient(phases.light)
 
         phases, (_, back, factors) = loss(0.0)

@@ -400,11 +400,11 @@ def test_pictures_are_found_before_a_stop_blurs_them():
     hologram = engine.Hologram(64, 64, PITCH, (GREEN,), optics=optics)
     views = Views((64, 64), PITCH, GREEN, -1e-4, 1e-4, 24, 0, optics=optics)
     blurred = engine.diffracted(picture, hologram)[..., 0]
-    for wanted in views.wanted:
+    for wanted in views.targets:
         wanted[:] = blurred if wanted.shape == (64, 64) else 1
     views.sharpen()
     inner = np.s_[8:-8, 8:-8]
-    for wanted, view in zip(views.wanted, views.vantages, strict=True):
+    for wanted, view in zip(views.targets, views.viewpoints, strict=True):
         if view.part is not None:
             assert (wanted == 1).all()
             continue
@@ -488,5 +488,5 @@ def test_stops_that_cannot_be(carrier, stop, says):
 
 
 def test_without_a_stop_there_is_no_stop(wanted):
-    with pytest.raises(engine.InvalidInput, match="leave out either"):
+    with pytest.raises(engine.InvalidInput, match="Omit one of them"):
         engine.encode(off_axis(wanted, OFF_AXIS["half"]), "sgd", aperture=False)

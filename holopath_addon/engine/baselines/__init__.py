@@ -22,8 +22,8 @@ from ..waves.propagation import (
     TEACHING_GUARD,
     carrier,
     commensurate,
-    moved,
     padded_shape,
+    propagate_stack,
     transfer_function,
 )
 
@@ -157,6 +157,6 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
             wavelength, distance
         )
-        for m, wave in enumerate(moved(waves[:, k], transfer, lines)):
+        for m, wave in enumerate(propagate_stack(waves[:, k], transfer, lines)):
             out[m, k] = wave
     return out

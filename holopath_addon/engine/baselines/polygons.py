@@ -37,7 +37,14 @@ import scipy.fft
 from scipy.ndimage import minimum_filter
 from scipy.special import jv
 
-from ..waves.propagation import circular_band, field_of, lag, propagate, spectrum, transfer_function
+from ..waves.propagation import (
+    circular_band,
+    field_of,
+    phase_retardation,
+    propagate,
+    spectrum,
+    transfer_function,
+)
 from .layers import gain_for, random_phasor
 from .shots import in_each_wavelength, picture_with_depth
 
@@ -130,7 +137,7 @@ def tilts(shape: tuple[int, int], pitch: float, wavelength: float, half: float) 
     -------
     list of numpy.ndarray, float32, `shape`, in FFT order
     """
-    band, turn = circular_band(shape), lag(shape, pitch, wavelength) * half
+    band, turn = circular_band(shape), phase_retardation(shape, pitch, wavelength) * half
     steepest = float(turn[band].max())
     terms = next(j for j in itertools.count(1) if j > steepest and abs(2 * jv(j, steepest)) < TOLERANCE)
     table = np.linspace(0, steepest, 1 << 12)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..waves.arrays import Array
-    from ..waves.pictures import Pictures
+    from ..waves.target_images import TargetImages
     from . import BaselineInput
 
 STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
@@ -43,7 +43,10 @@ FEW_RATE, FEW_MEMORY = 0.2, 0.6  # of few frames, by amplitudes: 0.1 to 0.4 dB m
 
 
 def phases_for(
-    job: BaselineInput, pictures_of: Callable[[int, Array], Pictures], progress: Progress, whole: bool = True
+    job: BaselineInput,
+    pictures_of: Callable[[int, Array], TargetImages],
+    progress: Progress,
+    whole: bool = True,
 ) -> np.ndarray:
     """The light of phases that show pictures, by the card where one computes waves.
 
@@ -51,7 +54,7 @@ def phases_for(
     ----------
     job : BaselineInput
     pictures_of : callable
-        ``pictures_of(k, on)`` gives the `Pictures` of wavelength number k, in the namespace of an array.
+        ``pictures_of(k, on)`` gives the `TargetImages` of wavelength number k, in the namespace of an array.
     progress : callable
         ``progress(done, message)``, may raise.
     whole : bool
@@ -109,7 +112,7 @@ class _Brightness:
         self.mean, pictures = mean, mean.pictures
         self.wanted, shown = np.zeros((2, len(pictures)))
         for number in range(len(pictures)):
-            picture = pictures.wanted[number, ...]
+            picture = pictures.targets[number, ...]
             weighted = pictures.weight(number) * picture
             self.wanted[number] = arrays.total(weighted * picture)
             shown[number] = arrays.total(weighted * mean.look(light, number))
@@ -142,7 +145,7 @@ class _AmplitudeBrightness:
         self.wanted, self.shown, self.overlap = np.zeros((3, len(pictures)))
         for number in range(len(pictures)):
             picture, weight, image = (
-                pictures.wanted[number, ...],
+                pictures.targets[number, ...],
                 mean.weight(number),
                 mean.look(light, number),
             )

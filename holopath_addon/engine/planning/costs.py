@@ -6,8 +6,9 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..encoding import encoder, views
-from ..encoding.views import MOST_DEPTHS, step_transforms, transforms
+from ..encoding import encoder
+from ..encoding.options import JOINT_STEPS, eyebox_for
+from ..encoding.views import MAX_DEPTHS, step_transforms, transforms
 from ..memory import AT_ONCE, encoding_on_card, refocusing_on_card
 from ..plan import CARD_STAGES, PHASES
 from ..progress import OFTEN
@@ -16,8 +17,9 @@ from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
-from ..waves.phase_fields import MOST_FRAMES, SETS
-from ..waves.propagation import TEACHING_GUARD, grid_bytes, moving_bytes, padded_shape
+from ..waves.phase_fields import MAX_FRAMES, SETS
+from ..waves.propagation import TEACHING_GUARD, grid_bytes, padded_shape, stack_bytes
+from ..waves.target_images import MAX_TRANSFER_BYTES
 from .noise import likely
 from .planes import columns_of, mean_rays
 from .probe import LEAST_SHARE
@@ -213,7 +215,7 @@ def phases(
     pixels, frames, colours = _numbers(survey)
     plain, chained = mean_rays(planes, survey.chains.branches)
     grids = _grids(survey)
-    padded, eyebox = sum(grid for grid, _ in grids), encoder.eyebox_for(frames)
+    padded, eyebox = sum(grid for grid, _ in grids), eyebox_for(frames)
     look = (
         slowness.transforms
         * LOOKED
@@ -225,13 +227,13 @@ def phases(
     copied = slowness.copies * COPY * 4 * pixels * frames * colours  # phases that a card has found
     sgd = slowness.transforms * pixels * frames * colours * SGD + copied
     step = slowness.transforms * frames * step_transforms(eyebox) * TRANSFORM * padded
-    joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
+    joint = sgd + 3 * frames * look + JOINT_STEPS["joint"] * step
     light = sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance"))
     each = sgd, joint, look, light, traversals * rays, sums + moved, step
     return dict(zip(PHASES, each, strict=True))
 
 
-def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MOST_BYTES) -> dict[str, float]:
+def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MAX_BYTES) -> dict[str, float]:
     """Bytes that encodings of a field take at most, with it, by name; see `phases`.
 
     `batch_bytes` are those of a render of as many frames as `refine` traces at once, see `refine_batch`, and `most`
@@ -240,8 +242,8 @@ def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MOST
     pixels, frames, colours = _numbers(survey)
     grids = _grids(survey)
     own = (8 + 4) * frames * pixels * colours
-    targets = [4 * grid * transforms(frames, encoder.eyebox_for(frames)) * depths for grid, depths in grids]
-    transfers = [min(views.MOST_BYTES, 8 * grid * depths) for grid, depths in grids]
+    targets = [4 * grid * transforms(frames, eyebox_for(frames)) * depths for grid, depths in grids]
+    transfers = [min(MAX_TRANSFER_BYTES, 8 * grid * depths) for grid, depths in grids]
     kept = [sum(each) for each in zip(targets, transfers, strict=True)]
     grid = max(grid for grid, _ in grids)
     steps = min(most, encoder.BYTES["together"] * frames * grid)
@@ -258,7 +260,7 @@ def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MOST
 def refine_batch(survey: Survey) -> Survey:
     """Survey of a render of as many frames as `refine` traces at once."""
     pixels, _, colours = _numbers(survey)
-    frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MOST_FRAMES)
+    frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MAX_FRAMES)
     return replace(survey, settings=replace(survey.settings, frames=frames, despeckle=0))
 
 
@@ -269,7 +271,7 @@ def _grids(survey):
     for wavelength in hologram.wavelengths:
         depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
         padded = padded_shape(size, hologram.pitch, wavelength, farthest, TEACHING_GUARD)
-        grids.append((math.prod(padded), min(MOST_DEPTHS, max(2, depths))))
+        grids.append((math.prod(padded), min(MAX_DEPTHS, max(2, depths))))
     return grids
 
 
@@ -312,7 +314,7 @@ def card_memory(
     field = 8 * pixels * frames * colours
     render = traced(survey), _fields(survey, planes) + _moving(survey, 1)
     views = refocusing_on_card(field, 4 * pixels * colours)
-    batches = phases_memory(survey, traced(refine_batch(survey)), min(encoder.MOST_BYTES, free / 2))
+    batches = phases_memory(survey, traced(refine_batch(survey)), min(encoder.MAX_BYTES, free / 2))
     encodings = {name: max(needed, encoding_on_card(field)) for name, needed in batches.items()}
     return dict(zip(CARD_STAGES, (*render, views), strict=True)) | encodings
 
@@ -344,7 +346,7 @@ def _moving(survey, frames):
     hologram, farthest = survey.hologram, max(abs(survey.z_low), abs(survey.z_high))
     size = hologram.height, hologram.width
     grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
-    return moving_bytes(grid, frames)
+    return stack_bytes(grid, frames)
 
 
 def _numbers(survey):

@@ -77,13 +77,13 @@ def slowness(folder: Path | None = None, library: str | None = None) -> Slowness
         programs can make a machine look slow, none can make it look fast. Where Mitsuba, Dr.Jit, the backend or the
         threads are others, nothing that was kept counts.
     library : str, optional
-        By which waves are computed, see `waves.libraries`. Default: that of `libraries.chosen`.
+        By which waves are computed, see `waves.libraries`. Default: that of `libraries.choose`.
 
     Returns
     -------
     Slowness
     """
-    return _slowness(folder, library or libraries.chosen()[0], time.time() // KEPT)
+    return _slowness(folder, library or libraries.choose()[0], time.time() // KEPT)
 
 
 @lru_cache(2)
@@ -124,7 +124,7 @@ def _process_slowness(_made_with, library, _now):
 
 def _measured(library):
     """Some of each kind of work, by the seconds that it usually takes."""
-    on = libraries.beginning(library)
+    on = libraries.empty_array(library)
     taken = _seconds(_core), timed(_programs)[0], _seconds(lambda: _transforms(on)), _copies(on)
     return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(USUAL), strict=True)))
 

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..encoding.axis import on_axis
-from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
-from ..encoding.encoder import LEAST_STEPS as WORTH
+from ..encoding.encoder import EXTRA_FRAMES_END, FIRST_STAGE_END, NO_FRAMES_END
+from ..encoding.encoder import MIN_STEPS as WORTH
+from ..encoding.options import eyebox_for
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
@@ -328,13 +329,15 @@ class _Costs:
         """Seconds given in which there is time for so many, and frames are there before the clock ends them."""
         enough = self._within_share(1, self._together(frames, steps))
         if frames > self.along:
-            traced = self._within_share(LATEST if frames == self.least else TRACED, self.frames(frames))
+            traced = self._within_share(
+                NO_FRAMES_END if frames == self.least else EXTRA_FRAMES_END, self.frames(frames)
+            )
             enough = max(enough, traced)
         return enough
 
     def _within_share(self, share, rest):
         """Seconds of which a share is enough for `sgd` and the rest; where they are few, `sgd` has a part of them."""
-        return min((self.each["sgd"] + rest) / share, rest / (share - FIRST))
+        return min((self.each["sgd"] + rest) / share, rest / (share - FIRST_STAGE_END))
 
 
 def _limited(taken, seconds):

@@ -380,7 +380,7 @@ def _by_processor(survey: Survey) -> Survey:
 
 def _free_on_card() -> int | None:
     """Bytes of the card's memory that are free where waves are computed there; None where they are not."""
-    memory = on_card(libraries.beginning(libraries.chosen()[0]))
+    memory = on_card(libraries.empty_array(libraries.choose()[0]))
     return memory[1] if memory else None
 
 
@@ -411,7 +411,7 @@ def _library(
     free : int or None
         Bytes that the card has; None where waves are in the processor's memory.
     """
-    name, advice = libraries.chosen()
+    name, advice = libraries.choose()
     if name == libraries.NUMPY:
         return Decided(name, warnings=(advice,) if advice else ())
     known = libraries.ON_CARDS[name]

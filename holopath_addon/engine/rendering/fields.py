@@ -11,7 +11,7 @@ from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
 from ..waves import arrays, despeckle, lens, libraries
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, commensurate, moved, padded_shape, transfer_function
+from ..waves.propagation import carrier, commensurate, padded_shape, propagate_stack, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -134,7 +134,7 @@ def _through_lens(field, wavelengths, display):
         way = lens.behind_lens(display, wavelength)
         assert way is not None
         for frame in range(field.shape[0]):
-            out[frame, k, ...] = way.back(field[frame, k, ...])
+            out[frame, k, ...] = way.adjoint(field[frame, k, ...])
     return out
 
 
@@ -146,7 +146,7 @@ def _in_scene(recording, tracing, number, progress):
     """
     hologram, planes = recording.hologram, recording.plan.planes
     shape = tracing.frames(number), len(hologram.wavelengths), *recording.canvas
-    on = libraries.beginning(recording.plan.library)
+    on = libraries.empty_array(recording.plan.library)
     field, z = arrays.zeros(shape, "complex64", on), planes[0].z
     for index, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
         moving = named(told, "Between planes")
@@ -213,5 +213,5 @@ def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tu
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance, on=field)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(moved(field[:, k, ...], transfer, places)):
+        for m, wave in enumerate(propagate_stack(field[:, k, ...], transfer, places)):
             yield k, m, wave

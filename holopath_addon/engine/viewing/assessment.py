@@ -257,7 +257,7 @@ def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
             progress((color * frames + number) / (colors * frames), "Diffraction efficiency")
             light = beam * np.exp(1j * frame.astype(np.float64))
             total += math.prod(shape) * (np.abs(light) ** 2).sum()
-            power = np.abs(scipy.fft.fft2(light if lens is None else lens.there(light))) ** 2
+            power = np.abs(scipy.fft.fft2(light if lens is None else lens.propagate(light))) ** 2
             inside += power[band].sum()
         fractions.append(inside / total)
     return fractions

@@ -322,7 +322,7 @@ class Refocuser:
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
                 for number, transform in enumerate(transforms):
-                    images[number, ..., k] += arrays.intensity(transform.there(wave)) / frames
+                    images[number, ..., k] += arrays.intensity(transform.propagate(wave)) / frames
                 done += len(transforms)
                 progress(done / (len(distances) * frames * colors), "Refocusing")
         # the light of a grid of pixels repeats beyond these bounds
@@ -438,7 +438,7 @@ class Refocuser:
             return cached
         wave = self.field.data[m, k, ...]
         if self._lenses[k] is not None:
-            wave = self._lenses[k].there(wave)
+            wave = self._lenses[k].propagate(wave)
         waves = spectrum(wave, padded)
         cache_bytes = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
         if padded == self._padded(k, 0.0) and cache_bytes <= self._max_bytes:

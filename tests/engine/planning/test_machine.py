@@ -96,7 +96,7 @@ def test_a_library_s_own_transforms_and_copies_are_timed(backend, as_on_a_card, 
         return fft2(waves, **options)
 
     monkeypatch.setattr(arrays, "fft2", seen)
-    name, _ = libraries.chosen()
+    name, _ = libraries.choose()
     assert machine._measured("numpy").copies == machine._measured(name).copies == 0
     as_on_a_card(1 << 30)
     assert machine._measured(name).copies > 0
