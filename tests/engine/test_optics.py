@@ -178,7 +178,7 @@ def test_a_measured_beam_is_kept(wanted, tmp_path):
         np.testing.assert_array_equal(again.hologram.optics.beam.measured, beam.measured)
     phase.save(tmp_path / "hologram")  # replaces its own
     (tmp_path / "hologram" / "beam.npy").unlink()
-    with pytest.raises(engine.InvalidInput, match="give it by --beam"):
+    with pytest.raises(engine.InvalidInput, match="Give it by --beam"):
         engine.PhaseHologram.load(tmp_path / "hologram")
 
 
@@ -216,10 +216,16 @@ def test_beams_that_cannot_be(kind, numbers):
     ("beam", "says"),
     [
         (engine.Beam("gaussian", (0.1e-3, 1e-3, 0)), "passes the panel"),
-        (engine.Beam("tilt", (0.1, 0)), "make up for 1.86 at most"),
-        (engine.Beam("point", (-5e-3,)), "make up for 1.86 at most"),
-        (engine.Beam("measured", measured=np.ones((8, 8))), "8 x 8 pixels, the panel 128 x 90"),
-        (engine.Beam("measured", measured=np.ones((2, *SHAPE))), "at 2 wavelengths of 1"),
+        (engine.Beam("tilt", (0.1, 0)), "compensate 1.86 degrees at most"),
+        (engine.Beam("point", (-5e-3,)), "compensate 1.86 degrees at most"),
+        (
+            engine.Beam("measured", measured=np.ones((8, 8))),
+            "a measured beam of 128 x 90 pixels, the panel's, got 8 x 8",
+        ),
+        (
+            engine.Beam("measured", measured=np.ones((2, *SHAPE))),
+            "for each of 1 wavelengths, or one for all, got 2",
+        ),
     ],
 )
 def test_beams_that_do_not_fit_the_panel(beam, says):
@@ -229,9 +235,9 @@ def test_beams_that_do_not_fit_the_panel(beam, says):
 
 def test_measured_beams_that_cannot_be():
     for measured, says in (
-        (np.zeros(SHAPE), "dark"),
-        (np.full(SHAPE, np.nan), "not finite"),
-        (-np.ones(SHAPE), "below 0"),
+        (np.zeros(SHAPE), "with light"),
+        (np.full(SHAPE, np.nan), "finite values"),
+        (-np.ones(SHAPE), "amplitudes of 0 or more"),
         (np.ones(9), "shape"),
     ):
         with pytest.raises(engine.InvalidInput, match=says):
@@ -465,15 +471,15 @@ def test_a_stop_is_kept(wanted, tmp_path):
 @pytest.mark.parametrize(
     ("carrier", "stop", "says"),
     [
-        ((1, 0), None, "closer than 1 to the zero order, not at 1, 0"),
-        ((0.5, math.nan), None, "A carrier lies within the band"),
-        ((0.5, 0), ("circle", (0.6,)), "reaches 1.1 times as far as the band"),
+        ((1, 0), None, "closer than 1 to the zero order, got 1, 0"),
+        ((0.5, math.nan), None, "Expected a carrier within the band"),
+        ((0.5, 0), ("circle", (0.6,)), "within the band, .* reaches 1.1 times as far"),
         ((0.5, 0), ("rectangle", (1.5, 1)), "reaches 1.25 times"),
         (None, ("circle", (0,)), "a radius over 0"),
         (None, ("rectangle", (1,)), "a width and a height"),
         (None, ("half", (math.inf,)), "an angle"),
-        (None, ("slit", ()), "no stop 'slit'"),
-        ((0.01, 0), ("circle", (0.005,)), "lets nothing of the picture through"),
+        (None, ("slit", ()), "a kind of stop, got 'slit'"),
+        ((0.01, 0), ("circle", (0.005,)), "passes nothing of the picture"),
     ],
 )
 def test_stops_that_cannot_be(carrier, stop, says):

@@ -21,7 +21,7 @@ DEPTHS = 7
 
 
 def planes_of(z_low: float, z_high: float) -> np.ndarray:
-    """Planes whose pictures are shown, evenly between two hologram-space depths, metres from the SLM."""
+    """Planes whose pictures are shown, evenly between two hologram-space depths, meters from the SLM."""
     return np.linspace(z_low, z_high, DEPTHS if z_high > z_low else 1)
 
 

@@ -35,16 +35,16 @@ PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
-    squares, disks, colours = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
-    paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
+    squares, disks, colors = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
+    paths = math.ceil(job.paths * PICTURES / (len(disks) * colors))
     views = []
     stages = Stages(progress, "supervised")
-    told = parts(stages["images"], colours)
-    for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
+    told = parts(stages["images"], colors)
+    for wavelength, of_color in zip(hologram.wavelengths, told, strict=True):
         slope = hologram.max_slope(wavelength)
         own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
-        views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
+        views.append(through_pupil(own, z, scaled, of_color, paths)[:, 0])
 
     def pictures(k, on):
         # the edge of the cone is at half a cycle a pixel; rows go down
@@ -61,7 +61,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:
-    """Centres of equal disks that cover the unit disk, on `RINGS`."""
+    """Centers of equal disks that cover the unit disk, on `RINGS`."""
     turns = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
     return [(radius * math.cos(turn), radius * math.sin(turn)) for radius, turn in turns]
 

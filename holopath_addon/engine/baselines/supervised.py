@@ -66,8 +66,8 @@ def phases_for(
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
         At the SLM, of one modulus in each wavelength.
     """
-    frames, colours = job.settings.frames, len(job.hologram.wavelengths)
-    out = np.empty((frames, colours, *job.shape), np.complex64)
+    frames, colors = job.settings.frames, len(job.hologram.wavelengths)
+    out = np.empty((frames, colors, *job.shape), np.complex64)
     rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
     randomness = job.settings.randomness
     few = whole and (frames < FEW_FRAMES or randomness is not None)
@@ -88,11 +88,11 @@ def phases_for(
             if not numbers:
                 brightness.adjust()
             phases.descend(back, np.ones(frames), rate * math.sqrt(1 - step / steps), memory)
-            progress((k + (step + 1) / steps) / colours, "Phases")
+            progress((k + (step + 1) / steps) / colors, "Phases")
         return arrays.on_processor(brightness.of_light * phases.light)
 
     with Frames() as threads:
-        for k in range(colours):
+        for k in range(colors):
             if few:
                 begun = random_phasors(frames, *job.shape, seed + k, randomness)
                 start = np.angle(begun * aimed_waves(frames, job.shape))

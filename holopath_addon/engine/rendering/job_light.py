@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ..errors import InvalidInput
-from ..files import earlier, whole_folder
+from ..files import overwrite_check, whole_folder
 from ..light.bake_store import BakeStore, JobStore
 from ..planning import planner
 from ..progress import Clock, Progress, parts, stage
@@ -117,7 +117,7 @@ class JobLight:
         """
         variants.activate()
         views, before = spread(frames), self._record
-        with whole_folder(self.folder, earlier("HoloPath's light", RECORD, others=("*",))) as folder:
+        with whole_folder(self.folder, overwrite_check("HoloPath's light", RECORD, others=("*",))) as folder:
             progress(0.0, "Exporting the scene")
             first = [_inputs(look, frame) for frame in views[:2]]
             moves = len({inputs and inputs[0] for inputs in first}) > 1

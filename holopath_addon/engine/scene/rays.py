@@ -123,7 +123,7 @@ class Rays:
         self._reach = opaque(end - start) if math.isfinite(end) else None
         self._ramps = [_ramps(which, plane) for which in (slab, images)]
         self._middle = constant(mi.Point2f, (0.5 * (hologram.width - 1), 0.5 * (hologram.height - 1)))
-        self._center = constant(mi.Point2f, (mapping.centre_x, mapping.centre_y))
+        self._center = constant(mi.Point2f, (mapping.center_x, mapping.center_y))
         self.position = constant(mi.Point3f, camera.position)
         self.right, self.up, self.forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
 

@@ -1,4 +1,4 @@
-"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, cancelling."""
+"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, canceling."""
 
 from types import SimpleNamespace
 
@@ -55,10 +55,10 @@ def card_before_wall(build):
 def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     """Where no light is missing that the SLM's edge cuts off; colors are found one by one, by all methods alike."""
     wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
-    colours = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
-    field = render(method, wall, camera, display(colours))
+    colors = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
+    field = render(method, wall, camera, display(colors))
     mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
-    assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
+    assert mean == pytest.approx([0.8, 0.3][-len(colors) :], rel=0.05)
 
 
 @pytest.mark.parametrize(

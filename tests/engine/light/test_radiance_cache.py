@@ -593,5 +593,5 @@ def test_plan_chooses_and_tells_why(build, camera):
     assert light(box, method="full", **quick)[0] is False
     assert light(box, method="fast", **quick)[0] is True
     assert light(box, method="fast", max_depth=1, **quick)[0] is False
-    with pytest.raises(engine.InvalidInput, match="choose one of auto, full, fast, direct"):
+    with pytest.raises(engine.InvalidInput, match="Choose one of auto, full, fast, direct"):
         engine.Settings(method="slow")

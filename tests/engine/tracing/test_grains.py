@@ -131,7 +131,9 @@ def test_blocks_together_or_apart(build, camera, monkeypatch):
         monkeypatch.setattr(wave_tracer, "_join", join)
         monkeypatch.setattr(wave_tracer.Pace, "together", 100, raising=False)
         monkeypatch.setattr(
-            wave_tracer.Pace, "__init__", lambda self, most, first=1: setattr(self, "_most", most)
+            wave_tracer.Pace,
+            "__init__",
+            lambda self, max_units, first=1: setattr(self, "_max_units", max_units),
         )
         fields.append(engine.render(*view, plan).data)
     assert launches.count(1) > 4 and max(launches) > 2
