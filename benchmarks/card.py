@@ -87,7 +87,7 @@ def _reconstruction(made):
 def _transforms(made):
     """Of all frames and colors, as often as propagation moves them: twice between planes, and to the SLM."""
     plan, field = made.plan, made.field
-    on, (frames, colors, *shape) = libraries.beginning(plan.library), field.data.shape
+    on, (frames, colors, *shape) = libraries.empty_array(plan.library), field.data.shape
     images = sum(plane.sees == "images" for plane in plan.planes)
     moves = images + 2 * max(0, len(plan.planes) - images - 1) + 1
     padded = padded_shape(shape, field.hologram.pitch, max(field.hologram.wavelengths), abs(plan.z_gathered))
@@ -109,7 +109,7 @@ def _torch_step(made):
     """Seconds of a step towards one view of each kind, and as many as `joint` looks at, one color, by autograd."""
     import torch
 
-    on = libraries.beginning("torch")
+    on = libraries.empty_array("torch")
     field, plan = made.field, made.plan
     wavelength = field.hologram.wavelengths[0]
     ends = plan.z_low, plan.z_high
@@ -124,7 +124,7 @@ def _torch_step(made):
         spectra = torch.fft.fft2(torch.exp(1j * phases), s=views.padded)
         loss = torch.zeros((), device=on.device)
         for number in chosen:
-            rows, columns = views.wanted[number].shape
+            rows, columns = views.targets[number].shape
             waves = views.waves(spectra, number)[:, :rows, :columns]
             image = (waves.real**2 + waves.imag**2).mean(0)
             loss = loss + (torch.sqrt(image + 1e-12) - 1).square().sum()

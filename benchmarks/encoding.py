@@ -19,7 +19,7 @@ from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
 from holopath_addon.engine.encoding.views import Views, step_transforms
 from holopath_addon.engine.scene import variants
-from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.modulator import gray_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
 from holopath_addon.engine.waves.supervision import Frames
 from holopath_addon.workflow import pipeline
@@ -134,7 +134,7 @@ def _encodings(field):
         seconds = time.perf_counter() - start
         yield label, phase, seconds
         if label in ROUNDED:
-            data = (grey_levels(phase.data, 8) * (2 * math.pi / 256)).astype(np.float32)
+            data = (gray_levels(phase.data, 8) * (2 * math.pi / 256)).astype(np.float32)
             yield f"{label}, then 8 bits", replace(phase, data=data), seconds
 
 
@@ -397,7 +397,7 @@ def cost(sizes=SIZES):
             views.add(fields)
             phases = Phases(np.angle(fields), threads)
             target = ComplexTarget(fields, True, threads)
-            seen = descent.Seen(phases.light, views, 1.0)
+            seen = descent.ViewLosses(phases.light, views, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
                 for kind, numbers in views.kinds

@@ -102,7 +102,7 @@ def try_card():
     """Find out what keeps waves from being computed on a card, a sentence; empty where nothing does, or without one."""
     if on_card():
         try:
-            _found["lacking"] = libraries.chosen()[1]
+            _found["lacking"] = libraries.choose()[1]
         except InvalidInput as error:  # of the variable that names a library
             _found["lacking"] = str(error)
     return _found.get("lacking", "")
@@ -114,7 +114,7 @@ def waves():
         return "", ""
     lacking = _found.get("lacking")
     kind = "lacking" if not libraries.installed() else "failing" if lacking else "computing"
-    return lacking or libraries.described(), kind
+    return lacking or libraries.describe(), kind
 
 
 def missing():

@@ -161,13 +161,15 @@ def _parallax(sections, refocus, focus, progress):
     """The slice, and the pupils that it is seen through."""
     field = refocus.field
     reach = assessment.pupil_radius(field) * (1 - SLICE)
-    right, up = assessment.middle(field)
+    right, up = assessment.pupil_center(field)
     seen = [
         engine.Pupil(float(x) + right, up, 2 * SLICE * assessment.pupil_radius(field))
         for x in np.linspace(-reach, reach, VIEWS)
     ]
     what = refocus, focus, seen, field.hologram.picture.height // 2
-    lines = assessment.slices(*what, lambda done, _: progress(done, "Parallax"), _apart(field, SLICE))
+    lines = assessment.epipolar_slices(
+        *what, lambda done, _: progress(done, "Parallax"), _apart(field, SLICE)
+    )
     text = (
         f"The middle row of the picture, through a quarter of the pupil that goes from left to right, over "
         f"{2e3 * reach:.3g} mm; focus at {named(focus)}. What stands still lies at the focus; what leans lies before "
@@ -302,7 +304,7 @@ def _pupils_beside(truth, refocus, focus, grid, progress):
     found = {}
     for pupil, told in zip(chosen, parts(progress, len(chosen)), strict=True):
         (halves,) = truth([focus], pupil, told)
-        shown = assessment.even(field, refocus([focus], pupil)[0], pupil)
+        shown = assessment.balance_colors(field, refocus([focus], pupil)[0], pupil)
         found[pupil] = _compared(engine.psnr, shown, halves, truth.border)
     values = np.array([[math.nan if pupil is None else found[pupil] for pupil in line] for line in grid])
     widths = [f"{1e3 * pupil.diameter:.3g} mm" for pupil in sizes]
@@ -322,7 +324,7 @@ def _pupils_beside(truth, refocus, focus, grid, progress):
 def _slices_beside(truth, refocus, focus, seen, progress):
     hologram, traced = truth.field.hologram.picture, []
     begin, end = (stage(progress, *ends) for ends in ((0.0, 0.1), (0.1, 1.0)))
-    lines = assessment.slices(refocus, focus, seen, hologram.height // 2, begin)
+    lines = assessment.epipolar_slices(refocus, focus, seen, hologram.height // 2, begin)
     for pupil, told in zip(seen, parts(end, len(seen)), strict=True):
         (halves,) = truth([focus], pupil, told)
         traced.append(engine.to_rgb(halves.mean(0), hologram.wavelengths)[hologram.height // 2])

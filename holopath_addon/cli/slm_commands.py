@@ -608,7 +608,7 @@ def _devices(args):
     backends = variants.describe()
     _print_rows(backends)
     if any(row["available"] for row in backends if row["name"] == variants.CUDA):
-        print(f"  {libraries.described()}")
+        print(f"  {libraries.describe()}")
     if not any(row["available"] for row in backends if row["name"] == variants.LLVM):
         print(f"  pip brings an LLVM:  {llvm_package.command()}")
     print("Baked light")

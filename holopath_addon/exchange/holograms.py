@@ -290,7 +290,7 @@ def _of_channels(selection, options, wavelengths):
                     f"The picture has bits besides those of the packing {options.packing}. Choose another packing, or "
                     "write it without them."
                 )
-            array = np.stack(layout.gathered(array), -1)
+            array = np.stack(layout.gather(array), -1)
         if each % count:
             raise InvalidInput(
                 f"{each} holograms are not a multiple of {count} wavelengths. Give other --wavelengths."

@@ -16,7 +16,7 @@ from ..engine.errors import InvalidInput
 from ..engine.pixels import coarsest
 from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
-from ..engine.waves.modulator import MIN_LEVELS, Levels, grey_levels, one_turn, unwrapped, varying
+from ..engine.waves.modulator import MIN_LEVELS, Levels, check_variation, gray_levels, one_turn, unwrapped
 from .sensor import Sensor
 from .tables import MAX_TURNS, read_response
 
@@ -215,7 +215,7 @@ class Calibration:
             _check_wavelength(self.correction_wavelength)
             object.__setattr__(self, "correction", correction)
         if self.variation is not None:
-            object.__setattr__(self, "variation", varying(self.variation))
+            object.__setattr__(self, "variation", check_variation(self.variation))
             self._check_size("variation", self.variation)
             if self.models:
                 raise InvalidInput(
@@ -363,7 +363,7 @@ class Calibration:
             phases = np.mod(phases + correction, np.float32(2 * math.pi))
         variation = self._checked_variation(phases.shape)
         if variation is None and not self.falling and self.response(wavelength).linear(wavelength):
-            return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
+            return gray_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
         table = self.table(wavelength) if table is None else table
         steps = table.shape[-1]
         step = np.round(phases * np.float32(steps / (2 * math.pi))).astype(np.uint32) & (steps - 1)

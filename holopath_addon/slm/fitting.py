@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.ndimage
 
-from ..engine.waves.display_model import GRID, LEAST_CROSSTALK, DisplayLight, DisplayModel
+from ..engine.waves.display_model import GRID, MIN_CROSSTALK, DisplayLight, DisplayModel
 from ..engine.waves.gaussian_points import FIFTH, SEVENTH
 from .sensor import Sensor
 
@@ -153,7 +153,7 @@ def parameters(start: Setup) -> list[Parameter]:
         Parameter("bandwidth", "m", 0.5e-9, 12e-9, "source", 4, 0.0),
         Parameter("unmodulated, real", "", -0.25, 0.25, "pixels", 2),
         Parameter("unmodulated, imaginary", "", -0.25, 0.25, "pixels", 2),
-        Parameter("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, LEAST_CROSSTALK),
+        Parameter("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, MIN_CROSSTALK),
     ]
     rows += [Parameter(f"Zernike {j}", "rad", -0.5, 0.5, "relay", 3) for j in range(4, 12)]
     for way in ("across", "down"):

@@ -219,7 +219,7 @@ def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.nda
         return [picture]
     kind = packing_of(packing)
     if kind.layout is not None:
-        return kind.layout.gathered(picture)
+        return kind.layout.gather(picture)
     channels = [picture[..., "RGB".index(c)] for c in order]
     if not kind.memory:
         return channels

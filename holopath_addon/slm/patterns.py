@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..engine.waves.modulator import grey_levels
+from ..engine.waves.modulator import gray_levels
 from ..engine.waves.propagation import propagate
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _dots(shape, bits, pitch, wavelength, distance, rng):
             dots.append(new)
             sources[tuple(new)] = np.exp(2j * math.pi * rng.random())
     light = propagate(sources, -distance, pitch, wavelength)
-    return grey_levels(np.mod(np.angle(light), 2 * math.pi), bits)
+    return gray_levels(np.mod(np.angle(light), 2 * math.pi), bits)
 
 
 def _grating(shape, levels, number, rng):

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.ndimage
 
-from ..engine.encoding.encoder import MARGIN
-from ..engine.encoding.phases import PARTLY, Phases
+from ..engine.encoding.channel import MARGIN
+from ..engine.encoding.phases import FEW_VIEWS_MEMORY, Phases
 from ..engine.encoding.shown_light import ShownLight
 from ..engine.errors import Cancelled, InvalidInput, cancelled
 from ..engine.pixels import half_sides
@@ -228,7 +228,7 @@ class _Loop:
             slopes = self._slopes(spectra, distance, error)
             slopes += self._slopes(spectra, self._between[self._rng.integers(len(self._between))])
             back = arrays.ifft2(slopes)[:, :rows, :columns]
-            self.phases.descend(back, np.ones(frames), rate, PARTLY)
+            self.phases.descend(back, np.ones(frames), rate, FEW_VIEWS_MEMORY)
 
     def _slopes(self, spectra, distance, error=None):
         """Spectra of dL / du at the SLM, of one distance; without an error seen the model's own counts."""

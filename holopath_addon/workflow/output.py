@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import InvalidInput, PhaseHologram, Pupil, WaveField
-from ..engine.files import BROWSED, whole_file, whole_folder
+from ..engine.files import BROWSER_FILES, whole_file, whole_folder
 from ..engine.scene import variants
 from .lengths import format_distance
 
@@ -395,7 +395,7 @@ def _contents(folder):
             before = folder.stat()
             if not stat.S_ISDIR(before.st_mode):
                 break
-            names = {entry.name for entry in folder.iterdir()}.difference(BROWSED)
+            names = {entry.name for entry in folder.iterdir()}.difference(BROWSER_FILES)
             own = read_report(folder).get("format") == FORMAT
             if folder.stat().st_ino == before.st_ino:
                 return names, own

@@ -185,7 +185,7 @@ def _preview(request, plan, focus, seconds, progress, offer):
     if pupil is not None:
         aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
     vertices = request.settings.max_depth
-    picture = engine.Preview(request.scene, camera, *size, focus, aperture, vertices, centre=centre)
+    picture = engine.Preview(request.scene, camera, *size, focus, aperture, vertices, center=centre)
     # each picture has twice the paths of the last, and takes as long as all before
     while 2 * (time.monotonic() - start) < seconds or not picture.spp:
         light = picture.refine(max(1, picture.spp), progress)

@@ -252,8 +252,8 @@ def _compare(folder, request, result, progress, shown=None):
         if not (halves.mean(0)[inner, inner] > 0).any():
             continue
         if pupil is not None:
-            image = assessment.even(result.field, image, pupil)
-            light = light if light is None else assessment.even(result.field, light, pupil)
+            image = assessment.balance_colors(result.field, image, pupil)
+            light = light if light is None else assessment.balance_colors(result.field, light, pupil)
         perfect = engine.diffracted(halves, hologram, openings)
         row = {
             "focus_m": depth,

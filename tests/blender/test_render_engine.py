@@ -69,7 +69,7 @@ def test_a_picture_behind_a_lens(f12, tmp_path):
     f12.holopath.optics.use_lens = f12.holopath.optics.use_share = True
     f12.holopath.frames = 1
     with pytest.raises(
-        RuntimeError, match="shows no picture of 60 x 40 pixels, but one of 40 x 40: choose that"
+        RuntimeError, match="shows no picture of 60 x 40 pixels, but one of 40 x 40. Choose that"
     ):
         bpy.ops.render.render()
     f12.render.resolution_x = 80

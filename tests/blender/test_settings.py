@@ -104,7 +104,7 @@ def test_values_out_of_bounds_are_refused(name):
     ):
         Settings(**{name: bad})
     if math.isfinite(declared.bounds[1]):
-        with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, not"):
+        with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, got"):
             Settings(**{name: declared.bounds[1] + 1})
     if not declared.chosen and declared.kind is int:
         with pytest.raises(engine.InvalidInput, match=declared.label):

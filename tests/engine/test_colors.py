@@ -38,13 +38,13 @@ def test_where_colors_lie_is_kept_in_json():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"color_scale": (1.0, 1.1)}, "a scale of 2 colors, the hologram 3: give one for each"),
-        ({"color_distance": (1e-3,)}, "a distance of 1 colors, the hologram 3"),
-        ({"color_shift": ((1e-6, 0),) * 2}, "a shift of 2 colors, the hologram 3"),
-        ({"color_scale": (1.0, 1.0, 0.0)}, "relative, 0.5 to 2, not 0"),
-        ({"color_scale": (102.0, 1.0, 1.0)}, "not 102"),
-        ({"color_scale": (math.nan, 1.0, 1.0)}, "not nan"),
-        ({"color_distance": (0.0, math.inf, 0.0)}, "must be finite"),
+        ({"color_scale": (1.0, 1.1)}, "a scale for each of 3 wavelengths, got 2"),
+        ({"color_distance": (1e-3,)}, "a distance for each of 3 wavelengths, got 1"),
+        ({"color_shift": ((1e-6, 0),) * 2}, "a shift for each of 3 wavelengths, got 2"),
+        ({"color_scale": (1.0, 1.0, 0.0)}, "from 0.5 to 2, got 0"),
+        ({"color_scale": (102.0, 1.0, 1.0)}, "got 102"),
+        ({"color_scale": (math.nan, 1.0, 1.0)}, "got nan"),
+        ({"color_distance": (0.0, math.inf, 0.0)}, "finite distances"),
         ({"color_shift": ((0.0, 0.0), (1.0,), (0.0, 0.0))}, "two finite numbers"),
     ],
 )
@@ -54,7 +54,7 @@ def test_where_colors_cannot_lie(given, says):
 
 
 def test_equal_wavelengths_cannot_lie_apart():
-    with pytest.raises(InvalidInput, match="Of equal wavelengths none can lie apart"):
+    with pytest.raises(InvalidInput, match="Expected different wavelengths"):
         Hologram(64, 64, 8e-6, (RGB[0],) * 2, optics=Optics(color_scale=(1.0, 1.01)))
 
 

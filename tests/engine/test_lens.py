@@ -162,7 +162,7 @@ def test_the_field_is_that_of_pixels_in_the_air(slanted, camera, lens):
     own = engine.render(slanted, camera, Hologram(48, 48, image.pitch, (GREEN,), *ends), SETTINGS)
     field = engine.render(slanted, camera, hologram, SETTINGS)
     assert field.data.shape == (4, 1, 48, 48) and field.near == own.near
-    there = behind_lens(hologram, GREEN).there(field.data[:, 0])
+    there = behind_lens(hologram, GREEN).propagate(field.data[:, 0])
     assert np.linalg.norm(there - own.data[:, 0]) < 1e-4 * np.linalg.norm(there)
     focus = [0.7, 1.0, 1.6]
     np.testing.assert_allclose(
@@ -235,7 +235,7 @@ def test_the_slope_of_phases_behind_a_lens():
         def loss(step):
             # the factor of the step before is 1 until it is set
             compared.factors, compared._waves = np.ones(1, complex), np.empty((1, 16, 16), complex)
-            phases = Phases(angle + step * change, threads, way=way)
+            phases = Phases(angle + step * change, threads, lens=way)
             return phases, compared.gradient(phases.light)
 
         phases, (_, back, factors) = loss(0.0)
@@ -398,15 +398,15 @@ def test_a_lens_is_kept(tmp_path):
 @pytest.mark.parametrize(
     ("numbers", "says"),
     [
-        ((0.0,), "finite and not 0, not 0 mm"),
+        ((0.0,), "finite and not 0, got 0 mm"),
         ((-0.1,), "A lens of -100 mm diverges, and its focal plane is before it"),
-        ((-0.1, 0.04), "to look through take one that converges"),
-        ((math.nan,), "not 0, not nan"),
-        ((0.1, -0.01), "0 mm away or more, not -10 mm"),
-        ((0.1, 0.1, 0.0), "over 0 mm away, not 0 mm"),
+        ((-0.1, 0.04), "to look through it choose a converging one"),
+        ((math.nan,), "not 0, got nan"),
+        ((0.1, -0.01), "of 0 mm or more, got -10 mm"),
+        ((0.1, 0.1, 0.0), "above 0 mm, got 0 mm"),
         ((0.1, 0.2, 0.2), "the SLM's own image"),
-        ((0.1, 0.1, 0.1, 1.2), "0.1 to 1 of the width that light reaches there, not 1.2"),
-        ((0.1, 0.1, 0.1, math.nan), "not nan"),
+        ((0.1, 0.1, 0.1, 1.2), "0.1 to 1 of the width that light reaches there, got 1.2"),
+        ((0.1, 0.1, 0.1, math.nan), "got nan"),
     ],
 )
 def test_lenses_that_cannot_be(numbers, says):
@@ -417,10 +417,10 @@ def test_lenses_that_cannot_be(numbers, says):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"optics": Optics(lens=Lens(0.5e-3))}, "choose a longer focal length"),
+        ({"optics": Optics(lens=Lens(0.5e-3))}, "Choose a longer focal length"),
         (
             {"optics": Optics(lens=Lens(FOCAL), carrier="auto")},
-            "leave out the carrier and the stop, or the lens",
+            "Omit the carrier and the stop, or the lens",
         ),
         (
             {"optics": Optics(lens=Lens(FOCAL, 0.1, 0.1)), "depth_mapping": "eyepiece"},
@@ -432,7 +432,7 @@ def test_lenses_that_cannot_be(numbers, says):
         ),
         (
             {"optics": Optics(lens=Lens(FOCAL, share=0.7)), "depth_mapping": "eyepiece"},
-            "leave out the picture's share",
+            "Omit the picture's share",
         ),
         (
             {"optics": FOURIER, "depth_mapping": "eyepiece", "depth_far": 1e-3, "depth_near": 2e-3},

@@ -178,7 +178,7 @@ def test_a_measured_beam_is_kept(wanted, tmp_path):
         np.testing.assert_array_equal(again.hologram.optics.beam.measured, beam.measured)
     phase.save(tmp_path / "hologram")  # replaces its own
     (tmp_path / "hologram" / "beam.npy").unlink()
-    with pytest.raises(engine.InvalidInput, match="give it by --beam"):
+    with pytest.raises(engine.InvalidInput, match="Give it by --beam"):
         engine.PhaseHologram.load(tmp_path / "hologram")
 
 
@@ -216,10 +216,16 @@ def test_beams_that_cannot_be(kind, numbers):
     ("beam", "says"),
     [
         (engine.Beam("gaussian", (0.1e-3, 1e-3, 0)), "passes the panel"),
-        (engine.Beam("tilt", (0.1, 0)), "make up for 1.86 at most"),
-        (engine.Beam("point", (-5e-3,)), "make up for 1.86 at most"),
-        (engine.Beam("measured", measured=np.ones((8, 8))), "8 x 8 pixels, the panel 128 x 90"),
-        (engine.Beam("measured", measured=np.ones((2, *SHAPE))), "at 2 wavelengths of 1"),
+        (engine.Beam("tilt", (0.1, 0)), "compensate 1.86 degrees at most"),
+        (engine.Beam("point", (-5e-3,)), "compensate 1.86 degrees at most"),
+        (
+            engine.Beam("measured", measured=np.ones((8, 8))),
+            "a measured beam of 128 x 90 pixels, the panel's, got 8 x 8",
+        ),
+        (
+            engine.Beam("measured", measured=np.ones((2, *SHAPE))),
+            "for each of 1 wavelengths, or one for all, got 2",
+        ),
     ],
 )
 def test_beams_that_do_not_fit_the_panel(beam, says):
@@ -229,9 +235,9 @@ def test_beams_that_do_not_fit_the_panel(beam, says):
 
 def test_measured_beams_that_cannot_be():
     for measured, says in (
-        (np.zeros(SHAPE), "dark"),
-        (np.full(SHAPE, np.nan), "not finite"),
-        (-np.ones(SHAPE), "below 0"),
+        (np.zeros(SHAPE), "with light"),
+        (np.full(SHAPE, np.nan), "finite values"),
+        (-np.ones(SHAPE), "amplitudes of 0 or more"),
         (np.ones(9), "shape"),
     ):
         with pytest.raises(engine.InvalidInput, match=says):
@@ -394,11 +400,11 @@ def test_pictures_are_found_before_a_stop_blurs_them():
     hologram = engine.Hologram(64, 64, PITCH, (GREEN,), optics=optics)
     views = Views((64, 64), PITCH, GREEN, -1e-4, 1e-4, 24, 0, optics=optics)
     blurred = engine.diffracted(picture, hologram)[..., 0]
-    for wanted in views.wanted:
+    for wanted in views.targets:
         wanted[:] = blurred if wanted.shape == (64, 64) else 1
     views.sharpen()
     inner = np.s_[8:-8, 8:-8]
-    for wanted, view in zip(views.wanted, views.vantages, strict=True):
+    for wanted, view in zip(views.targets, views.viewpoints, strict=True):
         if view.part is not None:
             assert (wanted == 1).all()
             continue
@@ -465,15 +471,15 @@ def test_a_stop_is_kept(wanted, tmp_path):
 @pytest.mark.parametrize(
     ("carrier", "stop", "says"),
     [
-        ((1, 0), None, "closer than 1 to the zero order, not at 1, 0"),
-        ((0.5, math.nan), None, "A carrier lies within the band"),
-        ((0.5, 0), ("circle", (0.6,)), "reaches 1.1 times as far as the band"),
+        ((1, 0), None, "closer than 1 to the zero order, got 1, 0"),
+        ((0.5, math.nan), None, "Expected a carrier within the band"),
+        ((0.5, 0), ("circle", (0.6,)), "within the band, .* reaches 1.1 times as far"),
         ((0.5, 0), ("rectangle", (1.5, 1)), "reaches 1.25 times"),
         (None, ("circle", (0,)), "a radius over 0"),
         (None, ("rectangle", (1,)), "a width and a height"),
         (None, ("half", (math.inf,)), "an angle"),
-        (None, ("slit", ()), "no stop 'slit'"),
-        ((0.01, 0), ("circle", (0.005,)), "lets nothing of the picture through"),
+        (None, ("slit", ()), "a kind of stop, got 'slit'"),
+        ((0.01, 0), ("circle", (0.005,)), "passes nothing of the picture"),
     ],
 )
 def test_stops_that_cannot_be(carrier, stop, says):
@@ -482,5 +488,5 @@ def test_stops_that_cannot_be(carrier, stop, says):
 
 
 def test_without_a_stop_there_is_no_stop(wanted):
-    with pytest.raises(engine.InvalidInput, match="leave out either"):
+    with pytest.raises(engine.InvalidInput, match="Omit one of them"):
         engine.encode(off_axis(wanted, OFF_AXIS["half"]), "sgd", aperture=False)

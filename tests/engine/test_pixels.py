@@ -51,9 +51,9 @@ def test_a_pitch_is_kept_in_json():
 @pytest.mark.parametrize(
     ("pitch", "says"),
     [
-        ((8e-6, 0.0), "must be positive, not 0 µm"),
-        ((math.nan, 8e-6), "must be positive"),
-        ((8e-6,) * 3, "not 3"),
+        ((8e-6, 0.0), "a positive pixel pitch, got 0 µm"),
+        ((math.nan, 8e-6), "a positive pixel pitch"),
+        ((8e-6,) * 3, "got 3"),
         ((0.2e-6, 8e-6), "0.2 µm is too small for 640 nm"),
     ],
 )

@@ -86,8 +86,8 @@ def test_paper_s_estimator(build, camera, small):
 
 
 @pytest.mark.slow
-def test_closed_box_in_colour(build):
-    """Nearly all light in view is indirect: every region and colour is as bright as path traced."""
+def test_closed_box_in_color(build):
+    """Nearly all light in view is indirect: every region and color is as bright as path traced."""
     camera = engine.Camera(np.eye(4), math.radians(36))
     hologram = engine.Hologram(128, 128, 8e-6, RGB, depth_far=0.2e-3, depth_near=2.7e-3)
     # auto bakes where the machine is busy, and texels for so few pixels are up to 4 % too dark
@@ -173,9 +173,9 @@ def test_sky_is_at_infinity(build, camera, small):
 
 def test_each_wavelength_shows_its_channel(build, camera):
     hologram = engine.Hologram(96, 96, 8e-6, RGB, 0.5e-3, 3e-3)
-    colour = {"type": "rgb", "value": [0.9, 0.3, 0.1]}
+    color = {"type": "rgb", "value": [0.9, 0.3, 0.1]}
     field = engine.render(
-        build.scene(plane=build.plane(1.0, build.emissive(colour))),
+        build.scene(plane=build.plane(1.0, build.emissive(color))),
         camera,
         hologram,
         engine.Settings(frames=8),
@@ -216,7 +216,7 @@ def test_same_seed_same_field(build, camera):
     assert not np.allclose(fields[0], fields[2])
 
 
-def test_cancelling_stops_the_work(build, camera, small):
+def test_canceling_stops_the_work(build, camera, small):
     calls = []
 
     def progress(done, message):
@@ -255,13 +255,13 @@ def test_direct_method_is_the_paper_s_estimator_at_the_slm(build, camera):
     "reflectance",
     [0.05, 0.5, 0.95],
 )
-def test_brightness_over_albedo_in_colour(build, camera, reflectance):
+def test_brightness_over_albedo_in_color(build, camera, reflectance):
     hologram = engine.Hologram(128, 128, 8e-6, RGB, 0.3e-3, 2.8e-3)
-    colour = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
+    color = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
     lamp_place = build.T().look_at(origin=[1.5, 2, 1], target=[0, 0, -1.5], up=[0, 1, 0]).scale(0.5)
     scene = build.scene(
-        wall=build.plane(2.0, build.diffuse(colour)),
-        front=build.plane(0.8, build.diffuse(colour), 0.06, x=-0.05),
+        wall=build.plane(2.0, build.diffuse(color)),
+        front=build.plane(0.8, build.diffuse(color), 0.06, x=-0.05),
         lamp={"type": "rectangle", "to_world": lamp_place, **build.emissive(build.grey(20.0))},
     )
     _, rows = compare(scene, camera, hologram, engine.Settings(frames=24), [0.8, 2.0])

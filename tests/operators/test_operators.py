@@ -561,7 +561,7 @@ def test_a_card_that_computes_no_waves(scene, monkeypatch):
             raise said
         return "numpy", said
 
-    monkeypatch.setattr(libraries, "chosen", chosen)
+    monkeypatch.setattr(libraries, "choose", chosen)
     for said in ("it has no memory", "HOLOPATH_ARRAYS is 'jax'.", ""):
         bpy.ops.holopath.check()
         assert preferences._found["lacking"] == said

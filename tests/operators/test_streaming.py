@@ -120,7 +120,7 @@ def test_board(device, phase, tmp_path):
         device.driver, device.port, device.baud = "serial", board.path, 1000000
         device.loops, device.trigger, device.pulse = 2, True, 250
         assert bpy.ops.holopath.stream() == {"FINISHED"}
-        levels = engine.waves.modulator.grey_levels(phase.data).astype(np.uint8).reshape(4, SIZE, SIZE)
+        levels = engine.waves.modulator.gray_levels(phase.data).astype(np.uint8).reshape(4, SIZE, SIZE)
         assert [np.frombuffer(f[4], np.uint8).tolist() for f in firmware.shown] == [
             level.ravel().tolist() for level in (*levels, *levels)
         ]

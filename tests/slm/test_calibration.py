@@ -15,7 +15,7 @@ from holopath_addon import engine
 from holopath_addon.engine.encoding.shown_light import ShownLight
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.display_model import DisplayModel
-from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.modulator import gray_levels
 from holopath_addon.engine.waves.propagation import transfer_function
 from holopath_addon.slm import Calibration, Response, Sensor
 from holopath_addon.slm.calibration import colors_of, response_files
@@ -51,7 +51,7 @@ def test_default_is_even_steps_of_a_turn(bits):
     phases = some_phases()
     levels = Calibration(bits=bits).levels(phases, GREEN)
     assert levels.dtype == (np.uint8 if bits <= 8 else np.uint16)
-    np.testing.assert_array_equal(levels, grey_levels(phases, bits))
+    np.testing.assert_array_equal(levels, gray_levels(phases, bits))
     assert apart(levels.astype(float) * TURN / 2**bits, phases).max() <= math.pi / 2**bits + 1e-6
 
 

@@ -120,7 +120,7 @@ def test_ten_bits_of_an_slm_200():
     [
         ("magic", "no packing magic: choose one of time, colour.*or name the bits"),
         ("", "no packing"),
-        ("R7-5;G7", "does not say which bits"),
+        ("R7-5;G7", "Expected the bits of a picture's channels"),
     ],
 )
 def test_packings_that_are_none(name, says):

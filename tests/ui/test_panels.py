@@ -143,7 +143,7 @@ def a_card(monkeypatch, *installed, lacking=""):
     """A machine with an NVIDIA card, and these libraries."""
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
     monkeypatch.setattr(libraries, "installed", lambda: list(installed))
-    monkeypatch.setattr(libraries, "chosen", lambda: ("numpy" if lacking else "cupy", lacking))
+    monkeypatch.setattr(libraries, "choose", lambda: ("numpy" if lacking else "cupy", lacking))
     preferences.look_again()
     if lacking:
         preferences.try_card()

@@ -28,8 +28,8 @@ class OutOfMemoryError(RuntimeError):
 def test_a_card_whose_memory_runs_out_is_told_of(monkeypatch):
     """While waves are computed, or pictures of them: the result's plan says so, once, and all is there."""
     on_card = SimpleNamespace()
-    monkeypatch.setattr(libraries, "chosen", lambda: ("torch", ""))
-    monkeypatch.setattr(libraries, "beginning", lambda name: on_card)
+    monkeypatch.setattr(libraries, "choose", lambda: ("torch", ""))
+    monkeypatch.setattr(libraries, "empty_array", lambda name: on_card)
     monkeypatch.setattr(libraries, "on_card", lambda array: None)
     monkeypatch.setattr(libraries, "like", lambda data, array: on_card)
     reconstructed = engine.reconstruct

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..progress import Stages, parts
 from ..waves import arrays
-from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
+from ..waves.target_images import TargetImages, Viewpoint
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -21,7 +21,7 @@ DEPTHS = 7
 
 
 def planes_of(z_low: float, z_high: float) -> np.ndarray:
-    """Planes whose pictures are shown, evenly between two hologram-space depths, metres from the SLM."""
+    """Planes whose pictures are shown, evenly between two hologram-space depths, meters from the SLM."""
     return np.linspace(z_low, z_high, DEPTHS if z_high > z_low else 1)
 
 
@@ -41,10 +41,12 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
     def pictures(k, on):
         wavelength = hologram.wavelengths[k]
-        vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in planes]
+        wanted = TargetImages(
+            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
+        )
         for number, picture in enumerate(stack):
-            wanted.wanted[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
+            wanted.targets[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
         return wanted
 
     return phases_for(job, pictures, stages["phases"])

@@ -10,8 +10,8 @@ from ..waves.supervision import DARK, blocks
 
 if TYPE_CHECKING:
     from ..waves.arrays import Array
-    from ..waves.pictures import Pictures
     from ..waves.supervision import Frames
+    from ..waves.target_images import TargetImages
 
 DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
 
@@ -20,12 +20,12 @@ class FrameMean:
     """Light of all frames, compared with pictures.
 
     L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in a picture's plane, t what
-    is wanted there, and w = `Pictures.weight`, so that independent frames have the loss 1/m in any picture. Or of
+    is wanted there, and w = `TargetImages.weight`, so that independent frames have the loss 1/m in any picture. Or of
     their amplitudes, L = sum over pixels of v (g sqrt(I) - sqrt(t))^2, with v = w t but for what is dark.
 
     Parameters
     ----------
-    pictures : Pictures
+    pictures : TargetImages
     gain : float
         Amplitude of the light sent in.
     threads : Frames
@@ -33,14 +33,16 @@ class FrameMean:
         Whether these are compared rather than intensities.
     """
 
-    def __init__(self, pictures: Pictures, gain: float, threads: Frames, amplitudes: bool = False) -> None:
+    def __init__(
+        self, pictures: TargetImages, gain: float, threads: Frames, amplitudes: bool = False
+    ) -> None:
         self.pictures, self.gain, self.amplitudes = pictures, gain, amplitudes
         self._threads = threads
         self._waves = None
 
     def weight(self, number: int) -> Array:
         """Of the squared error of each pixel of a picture."""
-        weight, target = self.pictures.weight(number), self.pictures.wanted[number, ...]
+        weight, target = self.pictures.weight(number), self.pictures.targets[number, ...]
         mean = arrays.namespace(target).mean(target)
         return weight * (target + DARK * mean) if self.amplitudes else weight
 
@@ -57,7 +59,7 @@ class FrameMean:
         xp, frames = arrays.namespace(light), light.shape[0]
         transfer = arrays.as_type(pictures.transfer(number), light.dtype)
         waves = self._seen(light, transfer)
-        target = pictures.wanted[number, ...]
+        target = pictures.targets[number, ...]
         scale = self.gain**2 / frames
         kind = "float32" if light.dtype == xp.complex64 else "float64"
         error, factor = (arrays.empty(target.shape, kind, light) for _ in range(2))

@@ -17,8 +17,8 @@ import numpy as np
 from ..pixels import axes, coarsest
 from ..progress import Stages, parts
 from ..waves import arrays
-from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
+from ..waves.target_images import TargetImages, Viewpoint
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -35,53 +35,53 @@ PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
-    squares, disks, colours = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
-    paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
+    squares, disks, colors = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
+    paths = math.ceil(job.paths * PICTURES / (len(disks) * colors))
     views = []
     stages = Stages(progress, "supervised")
-    told = parts(stages["images"], colours)
-    for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
+    told = parts(stages["images"], colors)
+    for wavelength, of_color in zip(hologram.wavelengths, told, strict=True):
         slope = hologram.max_slope(wavelength)
         own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
-        views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
+        views.append(through_pupil(own, z, scaled, of_color, paths)[:, 0])
 
     def pictures(k, on):
         # the edge of the cone is at half a cycle a pixel; rows go down
         wavelength = hologram.wavelengths[k]
         distance = z - hologram.distance_at(wavelength)
-        vantages = [Vantage(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        viewpoints = [Viewpoint(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
+        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on)
         for number, view in enumerate(views[k]):
             seen = wanted.share(number) * job.at_pixels(view, k)
-            wanted.wanted[number, ...] = arrays.like(seen, on, "float32")
+            wanted.targets[number, ...] = arrays.like(seen, on, "float32")
         return wanted
 
     return phases_for(job, pictures, stages["phases"], whole=False)
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:
-    """Centres of equal disks that cover the unit disk, on `RINGS`."""
+    """Centers of equal disks that cover the unit disk, on `RINGS`."""
     turns = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
     return [(radius * math.cos(turn), radius * math.sin(turn)) for radius, turn in turns]
 
 
-class _Views(Pictures):
-    """Pictures through parts of the pupil."""
+class _Views(TargetImages):
+    """Target images through parts of the pupil."""
 
     def share(self, number):
-        """Part of the light in the band that a vantage lets through."""
-        passes = self.vantages[number].passes(self.padded, self.space.pitch)
+        """Part of the light in the band that a viewpoint lets through."""
+        passes = self.viewpoints[number].passes(self.padded, self.space.pitch)
         return float((passes & self.space.band).sum() / self.space.band.sum())
 
     def weight(self, number):
         """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
-        vantage, space = self.vantages[number], self.space
+        viewpoint, space = self.viewpoints[number], self.space
         inside = []
         for count, frequency, pitch in zip(
-            self.shape, (vantage.part[1], vantage.part[0]), axes(space.pitch), strict=True
+            self.shape, (viewpoint.part[1], viewpoint.part[0]), axes(space.pitch), strict=True
         ):
             slope = math.tan(math.asin(space.wavelength * frequency / coarsest(space.pitch)))
-            start = np.arange(count) - vantage.distance * slope / pitch
+            start = np.arange(count) - viewpoint.distance * slope / pitch
             inside.append((start >= 0) & (start <= count - 1))
-        return super().weight(number) * arrays.mask(inside[0][:, None] & inside[1], self.wanted)
+        return super().weight(number) * arrays.mask(inside[0][:, None] & inside[1], self.targets)

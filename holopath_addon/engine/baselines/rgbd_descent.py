@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..waves import arrays
-from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
 from ..waves.supervision import relative
+from ..waves.target_images import TargetImages, Viewpoint
 from .layers import sliced
 from .shots import picture_with_depth
 from .supervised import phases_for
@@ -31,21 +31,25 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
     def pictures(k, on):
         wavelength = hologram.wavelengths[k]
-        vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in depths]
+        wanted = _OnLayers(
+            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
+        )
         light, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
         wanted.radiance = arrays.like(light, on)
         for layer in range(len(depths)):
-            wanted.wanted[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
+            wanted.targets[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
         return wanted
 
     return phases_for(job, pictures, lambda done, what: progress(0.3 + 0.7 * done, what))
 
 
-class _OnLayers(Pictures):
-    """Pictures of which only what is in focus counts."""
+class _OnLayers(TargetImages):
+    """Target images of which only what is in focus counts."""
 
     radiance = None
 
     def weight(self, number):
-        return arrays.namespace(self.wanted).where(self.wanted[number, ...] > 0, relative(self.radiance), 0.0)
+        return arrays.namespace(self.targets).where(
+            self.targets[number, ...] > 0, relative(self.radiance), 0.0
+        )

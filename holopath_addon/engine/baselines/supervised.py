@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..waves.arrays import Array
-    from ..waves.pictures import Pictures
+    from ..waves.target_images import TargetImages
     from . import BaselineInput
 
 STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
@@ -43,7 +43,10 @@ FEW_RATE, FEW_MEMORY = 0.2, 0.6  # of few frames, by amplitudes: 0.1 to 0.4 dB m
 
 
 def phases_for(
-    job: BaselineInput, pictures_of: Callable[[int, Array], Pictures], progress: Progress, whole: bool = True
+    job: BaselineInput,
+    pictures_of: Callable[[int, Array], TargetImages],
+    progress: Progress,
+    whole: bool = True,
 ) -> np.ndarray:
     """The light of phases that show pictures, by the card where one computes waves.
 
@@ -51,7 +54,7 @@ def phases_for(
     ----------
     job : BaselineInput
     pictures_of : callable
-        ``pictures_of(k, on)`` gives the `Pictures` of wavelength number k, in the namespace of an array.
+        ``pictures_of(k, on)`` gives the `TargetImages` of wavelength number k, in the namespace of an array.
     progress : callable
         ``progress(done, message)``, may raise.
     whole : bool
@@ -63,8 +66,8 @@ def phases_for(
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
         At the SLM, of one modulus in each wavelength.
     """
-    frames, colours = job.settings.frames, len(job.hologram.wavelengths)
-    out = np.empty((frames, colours, *job.shape), np.complex64)
+    frames, colors = job.settings.frames, len(job.hologram.wavelengths)
+    out = np.empty((frames, colors, *job.shape), np.complex64)
     rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
     randomness = job.settings.randomness
     few = whole and (frames < FEW_FRAMES or randomness is not None)
@@ -85,11 +88,11 @@ def phases_for(
             if not numbers:
                 brightness.adjust()
             phases.descend(back, np.ones(frames), rate * math.sqrt(1 - step / steps), memory)
-            progress((k + (step + 1) / steps) / colours, "Phases")
+            progress((k + (step + 1) / steps) / colors, "Phases")
         return arrays.on_processor(brightness.of_light * phases.light)
 
     with Frames() as threads:
-        for k in range(colours):
+        for k in range(colors):
             if few:
                 begun = random_phasors(frames, *job.shape, seed + k, randomness)
                 start = np.angle(begun * aimed_waves(frames, job.shape))
@@ -109,7 +112,7 @@ class _Brightness:
         self.mean, pictures = mean, mean.pictures
         self.wanted, shown = np.zeros((2, len(pictures)))
         for number in range(len(pictures)):
-            picture = pictures.wanted[number, ...]
+            picture = pictures.targets[number, ...]
             weighted = pictures.weight(number) * picture
             self.wanted[number] = arrays.total(weighted * picture)
             shown[number] = arrays.total(weighted * mean.look(light, number))
@@ -142,7 +145,7 @@ class _AmplitudeBrightness:
         self.wanted, self.shown, self.overlap = np.zeros((3, len(pictures)))
         for number in range(len(pictures)):
             picture, weight, image = (
-                pictures.wanted[number, ...],
+                pictures.targets[number, ...],
                 mean.weight(number),
                 mean.look(light, number),
             )

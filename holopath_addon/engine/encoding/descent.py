@@ -1,4 +1,4 @@
-"""The ways down: of each frame towards its field, and of all frames together towards views."""
+"""Descents: of each frame towards its field, and of all frames together towards views."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..waves import arrays
-from .phases import PARTLY
+from .phases import FEW_VIEWS_MEMORY
 from .views import intensity
 
 if TYPE_CHECKING:
@@ -23,64 +23,64 @@ if TYPE_CHECKING:
     from .views import Views
 
 RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, and from an earlier hologram
-FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
+FIXES, FEW = 20, 6  # number of times that pixels are fixed to levels, and of steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
-# Of `together`.
-LONGEST = 0.2  # radians; from 0.3 on some scenes find no rest
-LONGEST_SMOOTH = (
-    0.3  # from phases of a given randomness, which are farther from their end; from 0.6 on none rests
-)
-DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
-WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
-FEW_LEVELS = (
-    16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer
-)
+# Of `together`: longest step, radians, from the field's phases, where some scenes do not converge from 0.3 on, and from
+# phases of a given randomness, which are farther from their optimum; there none converges from 0.6 on.
+MAX_STEP, MAX_STEP_RANDOM = 0.2, 0.3
+MIN_AMPLITUDE = 1e-3  # of a target's root mean square; the slope of the square root is divided by amplitudes
+WARM_UP, WARM_FRACTION = 20, 0.1  # steps, or fraction of all, in which their length rises
+# Number of levels up to which the last steps have half the length; with more they are shorter, as levels are closer.
+FEW_LEVELS = 16
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is done.
+    """Effort of a descent.
 
     Attributes
     ----------
-    tolerance : float
-        Least relative gain of a step.
+    rate : float
+        Longest step, radians.
+    levels : Levels or None
+        Levels of the display that phases are to have at the end; None for any phase.
     max_steps : int
-        Of a stage.
+        Maximum number of steps, without those that bring phases to levels in `adam`.
+    tolerance : float
+        Relative decrease of the loss in a step, below which `adam` ends.
     seed : int
-        Of the order of pictures.
+        Seed of the order of views in `together`.
+    seconds : float or None
+        Seconds of `together`; None for `max_steps`.
     """
 
-    tolerance: float
+    rate: float
+    levels: Levels | None
     max_steps: int
-    seed: int
+    tolerance: float = 0.0
+    seed: int = 0
+    seconds: float | None = None
 
 
 def adam(
     phases: Phases,
     target: ComplexTarget | AmplitudeTarget,
-    rate: float,
-    levels: Levels | None,
     effort: Effort,
-    told: Callable[[float, float], object],
+    on_progress: Callable[[float, float], float],
     stage: dict,
 ) -> None:
-    """Adam until the loss of a target stops falling; then, where there are levels, ever more pixels come to theirs.
+    """Adam until the loss of a target stops decreasing; then, with levels, ever more pixels are fixed to theirs.
 
     Parameters
     ----------
     phases : Phases
     target : ComplexTarget or AmplitudeTarget
-    rate : float
-        Longest step, radians.
-    levels : Levels or None
-        That phases are to have.
     effort : Effort
-    told : callable
-        ``told(done, loss)`` gives the PSNR; may raise.
+    on_progress : callable
+        ``on_progress(done, loss)`` returns the PSNR in dB; may raise.
     stage : dict
-        Takes steps and PSNR.
+        Receives steps, loss and PSNR.
     """
     losses = []
 
@@ -89,16 +89,16 @@ def adam(
         phases.descend(back, factors, rate)
         losses.append(loss)
         stage.update(steps=len(losses), loss=loss)
-        stage["psnr_db"] = told(len(losses) / max(TYPICAL, len(losses) + FEW), loss)
+        stage["psnr_db"] = on_progress(len(losses) / max(TYPICAL, len(losses) + FEW), loss)
 
     while len(losses) < effort.max_steps and not _flat(losses, WINDOW, effort.tolerance):
-        step(rate)
-    if levels is not None:
-        for share in np.arange(1, FIXES) / FIXES:
-            phases.fix(share, levels)
+        step(effort.rate)
+    if effort.levels is not None:
+        for fraction in np.arange(1, FIXES) / FIXES:
+            phases.fix(fraction, effort.levels)
             for _ in range(FEW):
-                step(rate / 2)
-        phases.fix(1, levels)
+                step(effort.rate / 2)
+        phases.fix(1, effort.levels)
         step(0)
 
 
@@ -106,54 +106,47 @@ def together(
     phases: Phases,
     views: Views,
     gain: float,
-    longest: float,
-    levels: Levels | None,
     effort: Effort,
-    seconds: float | None,
-    told: Callable[[float, float], object],
+    on_progress: Callable[[float, float], object],
     stage: dict,
 ) -> float:
-    """Adam on some views a step, with steps that rise at once and fall as a cosine; the best round's phases are kept.
+    """Adam on a few views in each step; the step length rises at once and falls as a cosine.
 
     L = sum over kinds of views of weight times the mean over views of sum over pixels of (g sqrt(I) - sqrt(t))^2 over
-    sum t, where I is the mean of the frames' intensities in a view and t the target intensity: pictures are compared by
-    their amplitudes, as the PSNR does. In a round each view of the whole pupil comes up once.
+    sum t, where I is the mean of the frames' intensities in a view and t the target intensity: images are compared by
+    their amplitudes, as the PSNR does. In a round each view of the whole pupil is evaluated once. The phases of the
+    best round are kept.
 
     Parameters
     ----------
     phases : Phases
     views : Views
     gain : float
-        Amplitude of the light sent in, to begin with.
-    longest : float
-        Step, radians.
-    levels : Levels or None
-        That phases are to have. Ever more pixels come to their levels in the second half.
+        Amplitude of the light sent in, at the start.
     effort : Effort
-    seconds : float or None
-        That it takes; None for as many steps as the effort's.
-    told : callable
-        ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
+        With levels, ever more pixels are fixed to theirs in the second half.
+    on_progress : callable
+        ``on_progress(done, psnr)`` with the PSNR through the whole pupil, may raise.
     stage : dict
-        Takes steps, loss and PSNR.
+        Receives steps, loss and PSNR.
 
     Returns
     -------
     float
-        See `Seen.brightness_gain`.
+        See `ViewLosses.brightness_gain`.
     """
-    begun = time.perf_counter()
-    seen = Seen(phases.light, views, gain)
-    if seconds is not None:  # views are looked at once more at the end
-        seconds = max(1e-3, seconds - (time.perf_counter() - begun))
+    start, seconds, levels = time.perf_counter(), effort.seconds, effort.levels
+    losses = ViewLosses(phases.light, views, gain)
+    if seconds is not None:  # all views are evaluated once more at the end
+        seconds = max(1e-3, seconds - (time.perf_counter() - start))
     rng = np.random.default_rng(effort.seed)
     queues: list[list[int]] = [[] for _ in views.kinds]
-    kept, least = phases.values(), seen.loss
+    best, min_loss = phases.values(), losses.loss
     steps, fixes, done = 0, 1, 0.0
     even = np.ones(phases.light.shape[0])
-    # what is free makes up for what has its level, as far away as that may be
-    least_rate = 0.0 if levels is None else 0.5 * min(1, FEW_LEVELS / len(levels))
-    stage.update(steps=0, loss=seen.loss, psnr_db=seen.psnr)
+    # free pixels compensate for fixed ones, whose levels may be this far away
+    min_rate = 0.0 if levels is None else 0.5 * min(1, FEW_LEVELS / len(levels))
+    stage.update(steps=0, loss=losses.loss, psnr_db=losses.psnr)
     try:
         while done < 1:
             chosen = []
@@ -162,90 +155,91 @@ def together(
                     if not queue:
                         queue += rng.permutation(numbers).tolist()
                     chosen.append((queue.pop(), kind.weight / kind.looks))
-            back = seen.gradient(phases.light, chosen)
-            rate = longest * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
-            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
+            back = losses.gradient(phases.light, chosen)
+            rate = effort.rate * max(0.5 * (1 + math.cos(math.pi * done)), min_rate)
+            rate *= min(1, max((steps + 1) / WARM_UP, done / WARM_FRACTION))
+            phases.descend(back, even, rate, FEW_VIEWS_MEMORY)
             steps += 1
             done = steps / effort.max_steps
             if seconds is not None:
-                done = max(done, (time.perf_counter() - begun) / seconds)
+                done = max(done, (time.perf_counter() - start) / seconds)
             if levels is not None and 2 * done - 1 > fixes / FIXES:
                 phases.fix(min(1.0, 2 * done - 1), levels)
                 fixes += 1
             if not queues[0]:
-                seen.adjust()
-                if seen.loss < least and levels is None:
-                    kept, least = phases.values(), seen.loss
-            stage.update(steps=steps, loss=seen.loss, psnr_db=seen.psnr)
-            told(min(1.0, done), seen.psnr)
-    except BaseException:  # what there is, by losses as views were last looked at
+                losses.adjust()
+                if losses.loss < min_loss and levels is None:
+                    best, min_loss = phases.values(), losses.loss
+            stage.update(steps=steps, loss=losses.loss, psnr_db=losses.psnr)
+            on_progress(min(1.0, done), losses.psnr)
+    except BaseException:  # keep the best phases, by the last loss of each view
         if levels is not None:
             phases.fix(1, levels)
-        elif seen.loss > least:
-            phases.set(kept)
+        elif losses.loss > min_loss:
+            phases.set(best)
         raise
     if levels is not None:
         phases.fix(1, levels)
-    seen.look(phases.light)
-    if levels is None and seen.loss > least:
-        phases.set(kept)
-        seen.look(phases.light)
-    stage.update(loss=seen.loss, psnr_db=seen.psnr)
-    return seen.brightness_gain
+    losses.evaluate(phases.light)
+    if levels is None and losses.loss > min_loss:
+        phases.set(best)
+        losses.evaluate(phases.light)
+    stage.update(loss=losses.loss, psnr_db=losses.psnr)
+    return losses.brightness_gain
 
 
-class Seen:
-    """Light of all frames in views: their losses, the gain that makes them bright enough, and the way down.
+class ViewLosses:
+    """Losses of the light of all frames in views, the gain that makes it bright enough, and the gradient.
 
     Parameters
     ----------
     light : array, complex, shape (frame, y, x)
     views : Views
     gain : float
-        Amplitude of the light sent in, where views are black.
+        Amplitude of the light sent in, if views are black.
 
     Attributes
     ----------
     gain : float
         See `adjust`.
     losses : numpy.ndarray
-        Of each view, as it was when last looked at.
+        Loss of each view when it was last evaluated.
     """
 
     def __init__(self, light: Array, views: Views, gain: float) -> None:
         self.gain, self._views = gain, views
         # energies of the light in each view and of its target, and the scalar product of their amplitudes
         self.losses, self._energies, self._overlaps, self._weights = np.zeros((4, len(views)))
-        self._totals = np.array([arrays.total(wanted) for wanted in views.wanted])
+        self._totals = np.array([arrays.total(target) for target in views.targets])
         for kind, numbers in views.kinds:
             self._weights[numbers] = kind.weight / len(numbers)
         whole = views.kinds[0][1]
-        self._psnrs = {number: _psnr_at_1(views.wanted[number]) for number in whole if self._totals[number]}
-        self.look(light)
+        self._psnrs = {number: _psnr_at_1(views.targets[number]) for number in whole if self._totals[number]}
+        self.evaluate(light)
 
     @property
     def loss(self) -> float:
-        """Over all views."""
+        """Weighted loss of all views."""
         return float(self._weights @ self.losses)
 
     @property
     def psnr(self) -> float:
-        """Through the whole pupil, dB."""
-        reached = [scale - 10 * math.log10(max(self.losses[n], 1e-30)) for n, scale in self._psnrs.items()]
-        return float(np.mean(reached)) if reached else 0.0
+        """Mean PSNR through the whole pupil, dB."""
+        values = [scale - 10 * math.log10(max(self.losses[n], 1e-30)) for n, scale in self._psnrs.items()]
+        return float(np.mean(values)) if values else 0.0
 
     @property
     def brightness_gain(self) -> float:
-        """The gain with which the light of all views has the energy of their targets.
+        """Gain with which the light of all views has the energy of their targets.
 
-        Amplitudes of speckle are too small in the mean for their energy, so that `gain` would make pictures too dark.
+        Speckle's mean amplitude is too small for its energy, so that `gain` would make images too dark.
         """
         weights = self._view_weights()
         energy = float(weights @ self._energies)
         return math.sqrt(float(weights @ self._totals) / energy) if energy > 0 else 0.0
 
-    def look(self, light: Array) -> None:
-        """Look at all views."""
+    def evaluate(self, light: Array) -> None:
+        """Evaluate all views."""
         spectra = self._views.spectra(light)
         for number in range(len(self._views)):
             self._compare(number, self._image(spectra, number)[1])
@@ -261,13 +255,13 @@ class Seen:
         self.gain = float(weights @ self._overlaps) / energy if energy > 0 else 0.0
 
     def _view_weights(self):
-        """Weight of each view over the energy of its target."""
+        """Weights of the views over the energies of their targets."""
         return np.divide(
             self._weights, self._totals, out=np.zeros_like(self._weights), where=self._totals > 0
         )
 
     def gradient(self, light: Array, chosen: list[tuple[int, float]]) -> Array:
-        """With respect to the light, of the loss in some views: their numbers and weights.
+        """Gradient with respect to the light of the loss in some views, as numbers and weights.
 
         Returns
         -------
@@ -277,18 +271,18 @@ class Seen:
         views, xp = self._views, arrays.namespace(light)
         spectra = views.spectra(light)
         gradient = xp.zeros_like(spectra)
-        for number, share in chosen:
-            whole = float(self._totals[number])
-            if not whole:
+        for number, weight in chosen:
+            total = float(self._totals[number])
+            if not total:
                 continue
             waves, image = self._image(spectra, number)
             amplitude, target = self._compare(number, image)
             error = self.gain * amplitude - target
-            self.losses[number] = arrays.total(error * error) / whole
-            darkest = DARKEST * math.sqrt(whole / math.prod(target.shape))
-            amplitude = arrays.into(amplitude, xp.maximum, amplitude, darkest)
+            self.losses[number] = arrays.total(error * error) / total
+            min_amplitude = MIN_AMPLITUDE * math.sqrt(total / math.prod(target.shape))
+            amplitude = arrays.into(amplitude, xp.maximum, amplitude, min_amplitude)
             slope = arrays.into(error, xp.divide, error, amplitude)
-            slope = arrays.as_type(share * self.gain / light.shape[0] / whole * slope, waves.dtype)
+            slope = arrays.as_type(weight * self.gain / light.shape[0] / total * slope, waves.dtype)
             height, width = slope.shape
             waves[:, :height, :width] *= slope
             waves[:, height:, :] = 0.0
@@ -297,30 +291,30 @@ class Seen:
         return views.light(gradient)
 
     def _image(self, spectra, number):
-        """Each frame's wave in a view, and the mean of their intensities."""
+        """Waves of the frames in a view, and the mean of their intensities."""
         waves = self._views.waves(spectra, number)
-        image = intensity(waves, self._views.wanted[number].shape)
+        image = intensity(waves, self._views.targets[number].shape)
         image *= 1 / waves.shape[0]
         return waves, image
 
     def _compare(self, number, image):
-        """Roots of an intensity in a view, and of its target; their energies are noted."""
+        """Square roots of an intensity in a view and of its target, whose energies are noted."""
         xp, self._energies[number] = arrays.namespace(image), arrays.total(image)
-        amplitude, target = arrays.into(image, xp.sqrt, image), xp.sqrt(self._views.wanted[number])
+        amplitude, target = arrays.into(image, xp.sqrt, image), xp.sqrt(self._views.targets[number])
         self._overlaps[number] = arrays.overlap(amplitude, target)
         return amplitude, target
 
 
 def _flat(losses, window, tolerance):
-    """Whether the mean loss of the last `window` steps is hardly less a step than that of those before them."""
+    """Whether the mean loss of the last `window` steps is hardly less per step than that of those before them."""
     if len(losses) < 2 * window:
         return False
     before, now = np.mean(losses[-2 * window : -window]), np.mean(losses[-window:])
     return before - now <= tolerance * window * now
 
 
-def _psnr_at_1(wanted):
-    """PSNR of the root of a picture, in dB, whose loss is 1; white is about as in `metrics.display_values`."""
-    wanted = arrays.on_processor(wanted)
-    white = float(np.percentile(wanted, 95)) or float(wanted.max())
-    return 10 * math.log10(white * wanted.size / float(wanted.sum(dtype=float)))
+def _psnr_at_1(target):
+    """PSNR of a target's square root at a loss of 1, dB; white is about that of `metrics.display_values`."""
+    target = arrays.on_processor(target)
+    white = float(np.percentile(target, 95)) or float(target.max())
+    return 10 * math.log10(white * target.size / float(target.sum(dtype=float)))

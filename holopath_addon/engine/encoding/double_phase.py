@@ -1,4 +1,4 @@
-"""Double phase: a complex field from pairs of pixels, at once and without optimisation."""
+"""Double phase: a complex field by pairs of pixels, without optimization."""
 
 from __future__ import annotations
 
@@ -16,40 +16,50 @@ if TYPE_CHECKING:
 
     from ..waves.arrays import Array
 
-CLIPPED = 0.005  # of the energy
-BINS = 1000
-# Of a beam's largest amplitude: no pixel makes up for less. Of 0.05 to 1 the least light of double phase goes astray,
-# and what is within the field's own band is nearest to it (a waist of 0.9 times half the panel).
-FAINT = 0.2
-# Of a descent's start, radians: pixels show half of the largest intensity then, and can become brighter or darker. With
-# one frame of demo:suzanne 0.5 to 1.1 end within 0.4 dB, and an even start 4.5 dB below.
+CLIPPED = 0.005  # fraction of the energy beyond the clipping level
+BINS = 1000  # of the histogram of amplitudes
+# Fraction of a beam's largest amplitude: no pixel compensates for less. Of 0.05 to 1 this leaves the least stray light
+# of double phase, and the smallest error within the field's own band (a waist of 0.9 times half the panel).
+MIN_BEAM = 0.2
+# Phases of a descent's start, radians: pixels show half of the largest intensity, and can become brighter or darker.
+# With one frame of demo:suzanne 0.5 to 1.1 end within 0.4 dB, and an even start 4.5 dB below.
 SPREAD = math.pi / 4
 
 
 def transmission(waves: Array, beam: Array | None) -> Array:
-    """What pixels have to let through of a beam, None for an even one, for light to be `waves`."""
+    """Transmission of pixels that turns a beam into waves; faint parts of the beam are not fully compensated.
+
+    Parameters
+    ----------
+    waves : array, complex, shape (..., y, x)
+    beam : array, complex, shape (y, x), or None
+        None for an even beam of amplitude 1.
+    """
     xp = arrays.namespace(waves)
-    return waves if beam is None else waves * (xp.conj(beam) / xp.maximum(xp.abs(beam), FAINT) ** 2)
+    return waves if beam is None else waves * (xp.conj(beam) / xp.maximum(xp.abs(beam), MIN_BEAM) ** 2)
 
 
 def half_band(shape: Sequence[int]) -> np.ndarray:
-    """FFT bins that a checkerboard's pixels of one colour sample without aliases: abs(fx) + abs(fy) <= 1/2 in cycles a
-    pixel of each direction, whatever its length.
+    """FFT bins that every second pixel of a checkerboard samples without aliases.
 
-    Double phase shows every second pixel's value twice; what is beyond becomes noise (Maimone et al., ACM TOG
-    36(4), 85 (2017)).
+    They are abs(fx) + abs(fy) <= 1/2 in cycles per pixel of each direction. Double phase shows every second pixel's
+    value twice, so that higher frequencies become noise (Maimone et al., ACM TOG 36(4), 85 (2017)).
     """
     fy, fx = (np.abs(scipy.fft.fftfreq(n)) for n in shape)
     return fx[None, :] + fy[:, None] <= 0.5
 
 
 def clipping_level(waves: Array, beam: Array | None = None) -> float:
-    """Amplitude beyond which waves are cut: where what is cut off has `CLIPPED` of their energy.
+    """Amplitude at which waves are clipped: the clipped part has the fraction `CLIPPED` of their energy.
 
-    With a beam, waves are what pixels have to let through, and their energy is that of the light.
+    The farther an amplitude is below the level, the farther its two phases are apart, and the more stray light they
+    make; with the level at the brightest speckle nearly all amplitudes are far below.
 
-    The farther an amplitude is under the level, the farther its two phases are apart, and the more light goes astray;
-    with the level at the brightest speckle nearly all are.
+    Parameters
+    ----------
+    waves : array, complex
+    beam : array, complex, optional
+        Beam on the pixels, if waves are their `transmission`: energies are then those of the light.
     """
     xp = arrays.namespace(waves)
     size = xp.abs(waves)
@@ -63,17 +73,17 @@ def clipping_level(waves: Array, beam: Array | None = None) -> float:
 
 
 def double_phase(wave: Array) -> Array:
-    """Phases, float32 in [0, 2 pi), of complex amplitudes of magnitude 1 at most, shape (y, x)."""
+    """Return phases, float32 in [0, 2 pi), for complex amplitudes of magnitude up to 1, shape (y, x)."""
     xp = arrays.namespace(wave)
     spread = arrays.arccos(xp.minimum(xp.abs(wave), 1.0)) * arrays.like(_checkerboard(wave.shape), wave)
     return wrapped(arrays.angle(wave) + spread)
 
 
 def even_double_phase(shape: Sequence[int]) -> np.ndarray:
-    """Double phase of an even wave of half of the largest intensity: `SPREAD`, in turn positive and negative.
+    """Double phase of an even wave of half of the largest intensity: a checkerboard of plus and minus `SPREAD`.
 
-    A descent that begins with phases alike has light at each pixel as bright as at all others. With these it can send
-    as much of it as it needs past the stop, to the corners of the Fourier plane.
+    With an even start every pixel is equally bright. From this one a descent can direct as much light as it needs past
+    the stop, to the corners of the Fourier plane.
 
     Parameters
     ----------
@@ -89,6 +99,6 @@ def even_double_phase(shape: Sequence[int]) -> np.ndarray:
 
 
 def _checkerboard(shape):
-    """1 and -1 in turn."""
+    """Checkerboard of 1 and -1."""
     rows, columns = (1 - 2 * (np.arange(n, dtype=np.float32) % 2) for n in shape)
     return rows[:, None] * columns

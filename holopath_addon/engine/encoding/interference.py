@@ -1,4 +1,4 @@
-"""Amplitude holograms: a picture of the interference with an off-axis reference wave, as it is printed on film."""
+"""Amplitude holograms: the interference pattern with an off-axis reference wave, for printing on film."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ if TYPE_CHECKING:
     from ..wavefield import WaveField
     from ..waves.arrays import Array
 
-# Percentile of the field's amplitudes that the reference wave has. A weaker one leaves more of the halo, abs(v)^2,
-# within the stop; of a stronger one the zero order reaches there past the borders of the print. demo:suzanne, 256
-# pixels, stop of radius 0.48 at 0.5: within 0.1 dB of the best of 1 to 30 times the root mean square.
+# Amplitude of the reference wave as a percentile of the field's amplitudes. A weaker one leaves more of the halo,
+# abs(v)^2, within the stop; the zero order of a stronger one reaches it from the borders of the print. demo:suzanne,
+# 256 pixels, stop of radius 0.48 at 0.5: within 0.1 dB of the best of 1 to 30 times the root mean square.
 REFERENCE = 99.9
 
 
 def interference(
     thing: WaveField | PhaseHologram, frame: int = 0, color: int = 0, binary: bool = False
 ) -> Array:
-    """Intensity of what the pixels are to let through, v, together with a reference wave of amplitude r.
+    """Intensity of the pixels' transmission, v, with a reference wave of amplitude r.
 
-    A film whose amplitude transmission is in proportion to it shows the picture along the carrier::
+    A film whose amplitude transmission is proportional to it shows the image along the carrier::
 
         I = abs(v + r)^2 = abs(v)^2 + r^2 + r v + r conj(v),  v = u exp(i pi (c_x x + c_y y) / pitch) / beam
 
-    with the field u within the stop and the carrier c, in units of the band's edge. Turned by the carrier it is
+    with the field u within the stop and the carrier c, in units of the band's edge. Shifted by the carrier it is
     abs(u + r exp(-i pi (c_x x + c_y y) / pitch))^2, an off-axis reference (Leith and Upatnieks, JOSA 52, 1123 (1962)).
-    The term r v is the picture, around c; r conj(v) its twin, around -c; the others lie around the zero order.
+    The term r v is the image, around c; r conj(v) its twin, around -c; the others are around the zero order.
 
     Parameters
     ----------
     thing : WaveField or PhaseHologram
-        Of a bench with a carrier. Of phases v is what the SLM's pixels let through, exp(i phase), and r is 1: phases
-        of one bit become black and white.
+        Field or phases of a bench with a carrier. For phases v is the SLM's transmission, exp(i phase), and r is 1, so
+        that phases of one bit become black and white.
     frame, color : int
-        Which frame, and which of the wavelengths.
+        Indices of the frame and of the wavelength.
     binary : bool
-        Black and white alone, parted at the mean of I. Default: gray.
+        Black and white only, with the mean of I as threshold. Default: gray.
 
     Returns
     -------
     array, float32, shape (y, x)
-        Of the library of the data. Between 0 and 1; row 0 is the top for a viewer to whom the light runs.
+        Values from 0 to 1, in the library of the data; row 0 is the top for the viewer.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def interference(
     optics = thing.hologram.optics
     if not any(optics.carrier):
         raise InvalidInput(
-            "Without a carrier the picture and its twin lie on each other: choose one, such as --carrier 0.5,0."
+            "Without a carrier the image and its twin overlap. Choose one, such as --carrier 0.5,0."
         )
     values, hologram = thing.data[frame, color, ...], thing.hologram
     xp = arrays.namespace(values)
@@ -71,6 +71,6 @@ def interference(
         reference = float(np.percentile(arrays.on_processor(xp.abs(waves)), REFERENCE))
     intensity = xp.abs(waves + reference) ** 2
     if not xp.any(intensity > 0):
-        raise InvalidInput("There is no light in this frame at this wavelength: choose another one.")
-    shown = intensity > xp.mean(intensity) if binary else intensity / xp.max(intensity)
-    return arrays.as_type(shown, "float32")
+        raise InvalidInput("There is no light in this frame at this wavelength. Choose another one.")
+    pattern = intensity > xp.mean(intensity) if binary else intensity / xp.max(intensity)
+    return arrays.as_type(pattern, "float32")

@@ -1,4 +1,4 @@
-"""Phases for an SLM, and their form on disk."""
+"""Phase holograms, and their form on disk."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 
 from ..camera import Camera
 from ..errors import InvalidInput
-from ..files import earlier, whole_folder
+from ..files import overwrite_check, whole_folder
 from ..hologram import Hologram
 from ..optics import BEAM_FILE, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves import arrays
-from ..waves.modulator import Modulator, grey_levels, wrapped
+from ..waves.modulator import Modulator, gray_levels, wrapped
 from .shown_light import ShownLight
 
 if TYPE_CHECKING:
@@ -37,16 +37,16 @@ class PhaseHologram:
     Attributes
     ----------
     data : array, float32, shape (frame, wavelength, y, x)
-        Of the library of the field that was encoded. Radians in [0, 2 pi); row 0 is the top.
+        Radians in [0, 2 pi), in the library of the encoded field; row 0 is the top.
     hologram : Hologram
     camera : Camera
     near : float
-        World depth in metres at the volume's near end.
+        World depth in meters at the volume's near end.
     method : str
-        Of `encode`.
+        Method of `encode`.
     gains : tuple of float
-        Amplitude of the light to send in, one a wavelength: with it what is seen is as bright as the scene. 0
-        where there is none of that colour.
+        Amplitude of the light to send in at each wavelength, with which the image is as bright as the scene; 0 for a
+        wavelength without light.
     report : dict
         Steps, seconds and PSNR of each stage of the encoding.
     """
@@ -65,79 +65,77 @@ class PhaseHologram:
         display: Sequence[DisplayModel] | None = None,
         levels: Sequence[Levels] | None = None,
     ) -> WaveField:
-        """`WaveField` of the light that leaves the SLM, of the beam of its optics, to be refocused through their stop.
+        """Compute the `WaveField` that leaves the SLM under the beam of its optics, for refocusing through their stop.
 
         Parameters
         ----------
         modulator : Modulator, optional
-            The display's limits. Default: none.
+            Limits of the display. Default: none.
         display : sequence of DisplayModel, optional
-            Instead, what it does to light at each wavelength, of the middle of its source.
+            Model of the display at each wavelength instead, for the center of its source.
         levels : sequence of Levels, optional
-            Phases that its pixels can have at each wavelength, as `encode` takes them: the nearest are shown. Default:
-            any phase, or even steps with `Modulator.bits`.
+            Levels of the display at each wavelength, see `encode`; the nearest are shown. Default: any phase, or the
+            even steps of `Modulator.bits`.
 
         Raises
         ------
         InvalidInput
-            If a map of the levels does not fit, there are others than one set of levels a wavelength, levels are given
-            beside bits or a display, or a display beside the hologram's own optics.
+            If a map of the levels does not fit, the number of levels is not that of wavelengths, or levels are given
+            with bits or a display, or a display with optics of the hologram.
         """
         if levels is not None and (
             display is not None or (modulator is not None and modulator.bits is not None)
         ):
-            raise InvalidInput(
-                "Levels that were measured go beside neither bits nor a display: leave out either."
-            )
+            raise InvalidInput("Measured levels exclude bits and a display model. Omit one of them.")
         if display is not None and not self.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "A fitted display has a beam and a stop of its own, and no lens behind it. Omit the display model or "
                 "the hologram's optics."
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(
-                f"There are levels of {len(levels)} wavelengths for {self.data.shape[1]}: give as many."
+                f"Expected {self.data.shape[1]} sets of levels, one for each wavelength, got {len(levels)}."
             )
         gains = arrays.like(np.asarray(self.gains, np.float32)[:, None, None], self.data)
         if display is None:
             light = (modulator or Modulator()).light(self._nearest(levels))
-            for colour in range(self.data.shape[1]):
-                illumination = self.hologram.illumination(colour)
+            for color in range(self.data.shape[1]):
+                illumination = self.hologram.illumination(color)
                 if illumination is not None:
-                    light[:, colour, ...] *= arrays.like(illumination, light)
+                    light[:, color, ...] *= arrays.like(illumination, light)
         else:
             light = arrays.empty(self.data.shape, "complex64", self.data)
-            for colour, model in enumerate(display):
+            for color, model in enumerate(display):
                 shown = ShownLight(model, self.data.shape[-2:], self.hologram.pitch, on=self.data)
                 for frame in range(self.data.shape[0]):
-                    light[frame, colour, ...] = shown.light(self.data[frame, colour, ...])
+                    light[frame, color, ...] = shown.light(self.data[frame, color, ...])
         return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
 
     def _nearest(self, levels):
         if levels is None:
             return self.data
-        shown = arrays.empty(self.data.shape, "float32", self.data)
+        phases = arrays.empty(self.data.shape, "float32", self.data)
         for color, each in enumerate(levels):
             for frame in range(self.data.shape[0]):
-                shown[frame, color, ...] = wrapped(each.nearest(self.data[frame, color, ...])[0])
-        return shown
+                phases[frame, color, ...] = wrapped(each.nearest(self.data[frame, color, ...])[0])
+        return phases
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
-        """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.
+        """Write ``phase.npy``, an image of 8 bits for each frame and wavelength, and ``meta.json``.
 
-        The folder appears only when complete. A grey level of n is a phase of 2 pi n / 256.
+        The folder appears only when complete. A gray level of n is a phase of 2 pi n / 256.
 
         Parameters
         ----------
         folder : path
-            Replaced if it holds an earlier hologram.
+            Replaced if it has an earlier hologram.
         progress : callable, optional
             ``progress(done, message)``, may raise `Cancelled`.
 
         Raises
         ------
         InvalidInput
-            If the folder exists and is not a hologram's.
+            If the folder exists and has something other than a hologram.
         OSError
             If it cannot be written; nothing is left behind.
         """
@@ -146,14 +144,16 @@ class PhaseHologram:
         wavelengths = self.hologram.wavelengths
         with whole_folder(
             folder,
-            earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)),
+            overwrite_check(
+                "a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)
+            ),
         ) as part:
             data = arrays.on_processor(self.data)
             np.save(part / "phase.npy", data)
             self.hologram.optics.save(part)
             for m, frame in enumerate(data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
-                    mi.Bitmap(grey_levels(phases).astype(np.uint8)).write(str(part / name))
+                    mi.Bitmap(gray_levels(phases).astype(np.uint8)).write(str(part / name))
                 progress((m + 1) / len(data), "Writing the hologram")
             meta = {
                 "format_version": FORMAT_VERSION,
@@ -170,12 +170,12 @@ class PhaseHologram:
 
     @classmethod
     def load(cls, folder: Path | str) -> PhaseHologram:
-        """Read what `save` wrote; the phases are memory-mapped.
+        """Load a hologram from the folder of `save`; the phases are memory-mapped.
 
         Raises
         ------
         InvalidInput
-            If the folder holds no readable hologram.
+            If the folder has no readable hologram.
         """
         folder = Path(folder)
         try:
@@ -199,14 +199,14 @@ class PhaseHologram:
 
 
 def picture_names(frame: int, wavelengths: Sequence[float]) -> list[str]:
-    """File names of a frame's pictures, one a wavelength: ``frame_000_640nm.png``, see `color_names`."""
+    """File names of a frame's images, one for each wavelength: ``frame_000_640nm.png``, see `color_names`."""
     return [f"frame_{frame:03d}_{name}.png" for name in color_names(wavelengths)]
 
 
 def color_names(wavelengths: Sequence[float]) -> list[str]:
-    """Wavelengths in file names: ``640nm``.
+    """Names of wavelengths for files: ``640nm``.
 
-    Those that are equal in whole nanometers are told apart by decimals, equal ones by their number.
+    Decimals distinguish wavelengths that are equal in whole nanometers, and numbers equal ones.
     """
     digits = 0
     while len({f"{w * 1e9:.{digits}f}" for w in wavelengths}) < len(set(wavelengths)):

@@ -1,4 +1,4 @@
-"""The light of a display that is not ideal, in the descents: from phases to a field at the SLM's pixels, and back."""
+"""Light of a display that is not ideal, for descents: from phases to a field at the SLM's pixels, and its adjoint."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 
 class ShownLight:
-    """Field behind the relay of a `DisplayModel`, of the middle of its source, and the adjoint.
+    """Field behind the relay of a `DisplayModel` for the center of its source, and its adjoint.
 
     Parameters
     ----------
     model : DisplayModel
     shape : (int, int)
-        Rows and columns.
+        Rows and columns of the SLM.
     pitch : float or (float, float)
-        Metres.
+        Pixel pitch, meters.
     margin : int
-        Pixels around the SLM into which light strays that is looked at.
+        Pixels of guard band around the SLM that fields include.
     on : array, optional
-        In whose namespace it is computed, where that one lies. Default: NumPy's.
+        Array whose library and device compute. Default: NumPy.
     """
 
     def __init__(
@@ -49,16 +49,16 @@ class ShownLight:
         self._margin, self._shape = margin, tuple(n + 2 * margin for n in shape)
 
     def light(self, phases: Array) -> Array:
-        """Field at the pixels and the margin, complex64, of phases in radians, shape (y, x)."""
+        """Return the field at the pixels and the margin, complex64, of phases in radians, shape (y, x)."""
         wave = self._optics.relayed(self._optics.spectra(phases)[self._model.wavelength])
         for axis, count in enumerate(self._pixels):
             wave = resized(wave, count, axis)
-        wave = self._moved(arrays.ifft2(wave, overwrite=True), self._margin)
+        wave = self._roll(arrays.ifft2(wave, overwrite=True), self._margin)
         rows, columns = self._shape
         return wave[:rows, :columns] * (1 / GRID**2)
 
     def slope(self, phases: Array, back: Array) -> Array:
-        """Gradient with respect to the phases, float32.
+        """Return the gradient with respect to the phases, float32.
 
         Parameters
         ----------
@@ -67,32 +67,32 @@ class ShownLight:
         back : array, complex, shape of `light`
             G with dL = 2 Re sum conj(G) du for a change du of `light`.
         """
-        xp, share = arrays.namespace(back), 2 * math.sqrt(1 - abs(self._model.unmodulated) ** 2)
+        xp, factor = arrays.namespace(back), 2 * math.sqrt(1 - abs(self._model.unmodulated) ** 2)
         light = self._adjoint(back)
-        turned = arrays.as_type(self._optics.blurred(phases), "complex64")
-        turned *= -1j
-        turned = arrays.into(turned, xp.exp, turned)
-        light *= turned
-        return self._optics.at_pixels(xp.imag(light) * share)
+        phasors = arrays.as_type(self._optics.blurred(phases), "complex64")
+        phasors *= -1j
+        phasors = arrays.into(phasors, xp.exp, phasors)
+        light *= phasors
+        return self._optics.at_pixels(xp.imag(light) * factor)
 
     def phases_for(self, field: Array) -> Array:
-        """Phases, float32, whose light is about a field: those of the field sent back to the pixels."""
+        """Return phases, float32, whose light is about a field: those of the field sent back to the pixels."""
         light, xp = self._adjoint(field), arrays.namespace(field)
         real, imaginary = (self._optics.at_pixels(part) for part in (xp.real(light), xp.imag(light)))
         return arrays.angle(real + 1j * arrays.as_type(imaginary, "complex64"))
 
     def _adjoint(self, back):
-        """Of what is linear: from the field to the light within the pixels, times the beam's conjugate."""
+        """Adjoint of the linear part: from the field to the light within the pixels, times the beam's conjugate."""
         optics, (rows, columns) = self._optics, self._shape
         wave = arrays.zeros(self._pixels, "complex64", back)
         wave[:rows, :columns] = arrays.as_type(back, "complex64")
-        wave = arrays.fft2(self._moved(wave, -self._margin), overwrite=True)
+        wave = arrays.fft2(self._roll(wave, -self._margin), overwrite=True)
         wave *= 1 / (math.prod(self._pixels) * GRID**2)
         for axis, count in enumerate(optics.padded):
             wave = resized(wave, count, axis)
         return optics.spectra_adjoint(optics.relayed_adjoint(wave))
 
     @staticmethod
-    def _moved(wave, pixels):
-        """A wave so much farther down and to the right; what is beyond its end comes round."""
+    def _roll(wave, pixels):
+        """Shift a wave down and to the right, periodically."""
         return arrays.namespace(wave).roll(wave, (pixels, pixels), axis=(0, 1)) if pixels else wave

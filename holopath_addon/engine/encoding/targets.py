@@ -1,4 +1,4 @@
-"""What light is compared with, frame by frame: a complex field on one plane, or amplitudes on some."""
+"""Targets for the light of single frames: a complex field on one plane, or amplitudes on several."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ if TYPE_CHECKING:
 
 
 class ComplexTarget:
-    """Complex amplitudes on one plane; which one is all the same, as propagation keeps scalar products.
+    """Complex amplitudes on one plane; any plane is equivalent, as propagation preserves scalar products.
 
     L = sum over frames and frequencies of |c U - T|^2 / sum |T|^2, with U and T the spectra of the light and of the
     target within the circular aperture that a pixel grid records (paper section 4.3), and c the least-squares factor:
-    a phase of each frame's own and a gain that all share, so that neither is penalised.
+    a phase for each frame and a gain for all, so that neither is penalized.
 
     Parameters
     ----------
     fields : array, complex, shape (frame, y, x)
-        At the SLM.
+        Fields at the SLM.
     aperture : bool
-        Whether light beyond the circle is free, as a stop in the Fourier plane takes it away.
+        Whether light beyond the circle is free, as a stop in the Fourier plane blocks it.
     threads : Frames
     optics : Optics
-        Whose stop, within the circle, counts instead of it.
+        Optics whose stop replaces the circle.
     pitch : float or (float, float)
-        Where pixels are not square, meters.
+        Pixel pitch, meters; needed only if pixels are not square.
 
     Attributes
     ----------
     energy : float
-        Of what is compared; 0 where there is nothing to be shown.
+        Energy of the target; 0 for a dark one.
     """
 
     def __init__(
@@ -64,34 +64,38 @@ class ComplexTarget:
         self.factors = None
 
     def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
-        """Loss, and its gradient with respect to the light.
+        """Return the loss, and its gradient with respect to the light.
 
-        c is that of the step before, and is then made the best one for this light.
+        c is that of the previous step, and is then set to the best one for this light.
+
+        Parameters
+        ----------
+        light : array, complex, shape (frame, y, x)
 
         Returns
         -------
         loss : float
         back : array
-            In memory that the next call overwrites; times `factors` it is G with dL = 2 Re sum conj(G) du.
+            Times `factors` it is G with dL = 2 Re sum conj(G) du. The next call overwrites its memory.
         factors : numpy.ndarray, complex
         """
         if self.factors is None:
             self.factors = np.ones(light.shape[0], complex)
             self._waves = arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
-        used = self.factors
-        sums = self._threads.each(lambda frame: self._compare(light, frame, used[frame]), light.shape[0])
+        factors = self.factors
+        sums = self._threads.each(lambda frame: self._compare(light, frame, factors[frame]), light.shape[0])
         errors, overlaps = np.array(sums).T
-        # of the spectra, from those of the errors: U = (E + T) / c
-        energies = (errors.real + 2 * overlaps.real + self._energies) / np.abs(used) ** 2
-        overlaps = (overlaps + self._energies) / used
+        # of the spectra, from those of the errors E: U = (E + T) / c
+        energies = (errors.real + 2 * overlaps.real + self._energies) / np.abs(factors) ** 2
+        overlaps = (overlaps + self._energies) / factors
         gain = np.abs(overlaps).sum() / energies.sum()
         self.factors = gain * np.exp(-1j * np.angle(overlaps))
         loss = float(errors.real.sum()) / self.energy
-        return loss, self._waves, np.conj(used) * (math.prod(light.shape[1:]) / self.energy)
+        return loss, self._waves, np.conj(factors) * (math.prod(light.shape[1:]) / self.energy)
 
     def _compare(self, light, frame, factor):
-        """c U - T, back on the plane, into `_waves`; its square and its product with T."""
+        """Propagate c U - T back to the plane, into `_waves`; return its square and its product with T."""
         wave = self._waves[frame, ...]
         wave[...] = light[frame, ...]
         wave = arrays.fft2(wave, overwrite=True)
@@ -108,22 +112,23 @@ class ComplexTarget:
 
 
 class AmplitudeTarget:
-    """Amplitudes on some planes, phases free: how prior work supervises (Choi et al., ACM TOG 40(6), 240 (2021)).
+    """Amplitudes on several planes, with free phases, as in prior work (Choi et al., ACM TOG 40(6), 240 (2021)).
 
-    L = sum over frames, planes and pixels of (g |u_z| - a_z)^2 / sum a_z^2, with the gain g of the step before.
+    L = sum over frames, planes and pixels of (g |u_z| - a_z)^2 / sum a_z^2, with the gain g of the previous step.
 
     Parameters
     ----------
     fields : array, complex, shape (frame, y, x)
-        At the SLM.
+        Fields at the SLM.
     pitch : float or (float, float)
+        Pixel pitch, meters.
     wavelength : float
-        Metres.
+        Meters.
     distances : sequence of float
-        Of the planes from the SLM, metres.
+        Distances of the planes from the SLM, meters.
     threads : Frames
     optics : Optics
-        Through whose stop they are seen.
+        Optics whose stop the light passes.
     """
 
     def __init__(
@@ -137,7 +142,7 @@ class AmplitudeTarget:
     ) -> None:
         self._shape, self._threads = fields.shape[-2:], threads
         farthest = max(map(abs, distances))
-        # its own loss is the PSNR that is told
+        # its loss is the reported PSNR
         self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
         space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch), on=fields)
         self._transfers = [arrays.as_type(space(z), fields.dtype) for z in distances]
@@ -154,7 +159,7 @@ class AmplitudeTarget:
         self.gain = None
 
     def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
-        """As `ComplexTarget.gradient`."""
+        """Return the loss, and its gradient with respect to the light; see `ComplexTarget.gradient`."""
         if self.gain is None:
             self.gain, self._waves = 1.0, arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
@@ -165,13 +170,13 @@ class AmplitudeTarget:
             spectrum, back = arrays.fft2(light[frame, ...], self._padded), 0
             for transfer, amplitude in zip(self._transfers, self._amplitudes[frame], strict=True):
                 wave = arrays.ifft2(spectrum * transfer, overwrite=True)
-                seen = wave[:rows, :columns]
-                size = xp.abs(seen)
+                image = wave[:rows, :columns]
+                size = xp.abs(image)
                 error = gain * size - amplitude
                 errors[frame] += _square(error)
                 matches[frame] += arrays.product(size, amplitude).real
                 energies[frame] += _square(size)
-                seen *= gain * error / xp.maximum(size, 1e-20)
+                image *= gain * error / xp.maximum(size, 1e-20)
                 wave[rows:, :] = 0.0
                 wave[:rows, columns:] = 0.0
                 back = back + xp.conj(transfer) * arrays.fft2(wave, overwrite=True)

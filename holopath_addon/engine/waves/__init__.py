@@ -1,1 +1,1 @@
-"""Fields on planes: how they propagate, their phases, and how both are found by descent."""
+"""Fields on planes: their propagation, their phases, and the optimization of both."""

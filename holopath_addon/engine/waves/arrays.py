@@ -1,9 +1,8 @@
-"""Arrays of NumPy, CuPy, PyTorch and other libraries of the Array API standard: what the standard lacks.
+"""Operations on arrays of NumPy, CuPy, PyTorch and other libraries that the Array API standard lacks.
 
-What computes with waves does it in the namespace of the arrays that it is given, and on the device where they lie.
-Namespaces are those of array-api-compat, and arrays must be such that parts of them can be written to. NumPy is taken
-as it is, with SciPy's FFTs: these have threads, and use memory again. Where types of numbers are named, names are those
-of the standard, such as ``"complex64"``.
+Wave optics is computed by the library of the given arrays, on their device. Namespaces are those of array-api-compat,
+and arrays must be writable. NumPy is used directly, with SciPy's FFTs, which have threads and reuse memory. Types of
+numbers are named as in the standard, such as ``"complex64"``.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-Array = Any  # of one of the libraries
-PROCESSOR = np.empty(0)  # to name NumPy's namespace with
+Array = Any  # an array of one of the libraries
+PROCESSOR = np.empty(0)  # stands for NumPy
 
 
 def namespace(array: Array) -> Any:
-    """The functions of the standard for an array."""
+    """Namespace with the functions of the standard for an array."""
     if isinstance(array, np.ndarray):
         return np
     import array_api_compat
@@ -34,55 +33,55 @@ def namespace(array: Array) -> Any:
 
 
 def known(array: ArrayLike) -> Array:
-    """An array of a library, as it is; of all else, such as a list, one of NumPy."""
+    """Return an array of a library unchanged, and anything else, such as a list, as a NumPy array."""
     return array if hasattr(array, "__dlpack__") else np.asarray(array)
 
 
 def as_type(array: Array, kind: Any) -> Array:
-    """An array of another type of numbers, a name or a type of its namespace; the same one where it has that type."""
+    """Convert an array to another type of numbers, a name or a type of its namespace; without a copy if it has it."""
     if isinstance(array, np.ndarray):
         return array.astype(kind, copy=False)
     return namespace(array).astype(array, _type(array, kind), copy=False)
 
 
 def like(values: ArrayLike, array: Array, kind: Any = None) -> Array:
-    """Numbers in the namespace of an array, and where it lies; those that are there already as they are."""
+    """Convert values to an array of the library and on the device of `array`; without a copy if they are there."""
     if isinstance(array, np.ndarray):
         return np.asarray(on_processor(values), kind)
     if type(values) is type(array):
         return values
-    return _made(array, "asarray", np.array(values, order="C"), kind)
+    return _make(array, "asarray", np.array(values, order="C"), kind)
 
 
 def copied(array: Array) -> Array:
-    """A copy, whose numbers lie one after the other."""
+    """Return a contiguous copy."""
     if isinstance(array, np.ndarray):
         return np.array(array, order="C")
     return namespace(array).asarray(array, copy=True)
 
 
 def mask(passes: np.ndarray, array: Array) -> Array:
-    """What passes, of which waves in the namespace of an array can be made a product."""
+    """Convert a Boolean mask so that waves of the library of `array` can be multiplied by it."""
     return passes if isinstance(array, np.ndarray) else like(passes, array, "float32")
 
 
 def empty(shape: Sequence[int], kind: Any, array: Array) -> Array:
-    """Memory in the namespace of an array, and where it lies."""
-    return _made(array, "empty", tuple(shape), kind)
+    """Allocate an array of the library and on the device of `array`, without setting its values."""
+    return _make(array, "empty", tuple(shape), kind)
 
 
 def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
-    """Zeros in the namespace of an array, and where it lies."""
-    return _made(array, "zeros", tuple(shape), kind)
+    """Zeros of the library and on the device of `array`."""
+    return _make(array, "zeros", tuple(shape), kind)
 
 
-def _made(array, maker, what, kind):
+def _make(array, maker, argument, kind):
     if isinstance(array, np.ndarray):
-        return getattr(np, maker)(what, kind)
+        return getattr(np, maker)(argument, kind)
     import array_api_compat
 
     make = getattr(namespace(array), maker)
-    return make(what, dtype=_type(array, kind), device=array_api_compat.device(array))
+    return make(argument, dtype=_type(array, kind), device=array_api_compat.device(array))
 
 
 def _type(array, kind):
@@ -97,12 +96,21 @@ def fft(
     overwrite: bool = False,
     workers: int | None = None,
 ) -> Array:
-    """FFT of one axis, cut or padded to `count`.
+    """FFT of one axis.
 
-    `workers` is how many threads of the processor do it, by default one; `overwrite` allows it to use the array's
-    memory.
+    Parameters
+    ----------
+    array : array, complex
+    count : int, optional
+        Length to which the axis is cut or padded.
+    axis : int
+    norm : {'backward', 'ortho', 'forward'}
+    overwrite : bool
+        Whether the array's memory may be used.
+    workers : int, optional
+        Number of threads of the processor. Default: 1.
     """
-    return _transformed("fft", array, count, axis, norm, overwrite, workers)
+    return _transform("fft", array, count, axis, norm, overwrite, workers)
 
 
 def ifft(
@@ -114,7 +122,7 @@ def ifft(
     workers: int | None = None,
 ) -> Array:
     """Inverse of `fft`."""
-    return _transformed("ifft", array, count, axis, norm, overwrite, workers)
+    return _transform("ifft", array, count, axis, norm, overwrite, workers)
 
 
 def fft2(
@@ -125,38 +133,38 @@ def fft2(
     workers: int | None = None,
 ) -> Array:
     """FFT of the last two axes, padded to `shape`; see `fft`."""
-    return _transformed("fftn", array, shape, (-2, -1), norm, overwrite, workers)
+    return _transform("fftn", array, shape, (-2, -1), norm, overwrite, workers)
 
 
 def ifft2(array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None) -> Array:
     """Inverse of `fft2`."""
-    return _transformed("ifftn", array, None, (-2, -1), norm, overwrite, workers)
+    return _transform("ifftn", array, None, (-2, -1), norm, overwrite, workers)
 
 
 def rfft2(array: Array, workers: int | None = None) -> Array:
-    """FFT of the last two axes of real numbers: half of `fft2`."""
-    return _transformed("rfftn", array, None, (-2, -1), "backward", False, workers)
+    """FFT of the last two axes of real numbers: one half of `fft2`."""
+    return _transform("rfftn", array, None, (-2, -1), "backward", False, workers)
 
 
 def irfft2(array: Array, shape: Sequence[int], overwrite: bool = False, workers: int | None = None) -> Array:
-    """Inverse of `rfft2`, of which this was the shape."""
-    return _transformed("irfftn", array, shape, (-2, -1), "backward", overwrite, workers)
+    """Inverse of `rfft2` of an array of this `shape`."""
+    return _transform("irfftn", array, shape, (-2, -1), "backward", overwrite, workers)
 
 
-def _transformed(name, array, size, axis, norm, overwrite, workers):
+def _transform(name, array, size, axis, norm, overwrite, workers):
     if isinstance(array, np.ndarray):
         return getattr(scipy.fft, name)(array, size, axis, norm, overwrite, workers)
-    what = {"n": size, "axis": axis} if isinstance(axis, int) else {"s": size, "axes": axis}
-    return getattr(namespace(array).fft, name)(array, **what, norm=norm)
+    axes = {"n": size, "axis": axis} if isinstance(axis, int) else {"s": size, "axes": axis}
+    return getattr(namespace(array).fft, name)(array, **axes, norm=norm)
 
 
 def into(memory: Array, function: Any, *values: Any) -> Array:
-    """What an elementwise function gives, on the processor in the memory of an array."""
+    """Call an elementwise function; on the processor its result is in the given memory."""
     return function(*values, out=memory) if isinstance(memory, np.ndarray) else function(*values)
 
 
 def put(memory: Array, function: Any, *values: Any) -> None:
-    """Have an array hold what an elementwise function gives."""
+    """Call an elementwise function, and write its result into the given memory."""
     if isinstance(memory, np.ndarray):
         function(*values, out=memory)
     else:
@@ -164,7 +172,7 @@ def put(memory: Array, function: Any, *values: Any) -> None:
 
 
 def pairs(waves: Array) -> Array:
-    """Real and imaginary parts along an axis more, the last one; in the same memory where the library has that."""
+    """Real and imaginary parts along an additional last axis; in the same memory if the library supports that."""
     xp = namespace(waves)
     if hasattr(xp, "view_as_real"):
         return xp.view_as_real(waves)
@@ -174,7 +182,7 @@ def pairs(waves: Array) -> Array:
 
 
 def of_pairs(parts: Array) -> Array:
-    """Complex64 numbers of their `pairs`; in the same memory where the library has that."""
+    """Complex64 numbers from `pairs`; in the same memory if the library supports that."""
     xp = namespace(parts)
     if hasattr(xp, "view_as_complex"):
         return xp.view_as_complex(parts)
@@ -240,14 +248,14 @@ def cumulative(values: Array) -> Array:
 
 
 def smallest(values: Array, count: int) -> Array:
-    """The largest of so many numbers that are the smallest ones of an array of one axis."""
+    """Value of rank `count` in an array of one axis, counted from the smallest, 1."""
     if isinstance(values, np.ndarray):
         return np.partition(values, count - 1)[count - 1]
     return namespace(values).sort(values)[count - 1]
 
 
 def product(first: Array, second: Array) -> complex:
-    """Scalar product of all numbers, of which the first ones are conjugated."""
+    """Scalar product of all numbers, with the conjugates of the first ones."""
     if isinstance(first, np.ndarray):
         return complex(np.vdot(first, second))
     xp = namespace(first)
@@ -272,7 +280,24 @@ def overlap(first: Array, second: Array) -> float:
 def histogram(
     values: Array, bins: int, top: float, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Counts, or sums of weights, in bins from 0 to the largest value, and the bins' edges; NumPy's arrays."""
+    """Histogram from 0 to the largest value.
+
+    Parameters
+    ----------
+    values : array
+        Not negative.
+    bins : int
+        Number of bins.
+    top : float
+        The largest value.
+    weights : array, optional
+        Weight of each value. Default: 1.
+
+    Returns
+    -------
+    sums, edges : numpy.ndarray
+        Counts, or sums of weights, and the bins' edges.
+    """
     if isinstance(values, np.ndarray):
         return np.histogram(values, bins, (0, top), weights=weights)
     xp, edges = namespace(values), np.linspace(0, top, bins + 1)
@@ -288,7 +313,7 @@ def histogram(
 
 
 def at(array: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Some of the rows and columns, the last two axes; a copy."""
+    """Copy of some of the rows and columns, the last two axes."""
     if isinstance(array, np.ndarray):
         return array[..., rows[:, None], columns]
     xp = namespace(array)

@@ -1,4 +1,4 @@
-"""Less speckle in one scene's fields: gradient steps towards the mean of many frames (docs/theory.md, Despeckling)."""
+"""Despeckling of a scene's fields: gradient steps towards the mean of many frames (docs/theory.md, Despeckling)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from . import arrays
 from .arrays import PROCESSOR, Array
 from .phase_fields import SETS, designed_phasors
-from .pictures import Pictures, spread_vantages
 from .supervision import Adam, Frames, supervise
+from .target_images import TargetImages, spread_viewpoints
 
 if TYPE_CHECKING:
     from ..pixels import Pitch
     from ..progress import PartProgress
 
-BATCHES = 4  # of the largest designed set, whose mean is what the picture should be
-RATE = 0.05  # longest step, of the field's root mean square
-VIEWS = 2  # pictures looked at in each step
+BATCHES = 4  # of the largest designed set, whose mean is the target
+RATE = 0.05  # longest step in terms of the field's root mean square
+VIEWS = 2  # target images in each step
 
 
 def batch_phasors(number: int) -> np.ndarray:
-    """Phasors of a batch of the many frames, `number` in 0..BATCHES - 1."""
+    """Phasors of a batch of the extra frames, `number` in 0..BATCHES - 1."""
     return designed_phasors(SETS[-1], seed=1 + number)
 
 
@@ -35,22 +35,25 @@ def targets(
     high: float,
     seed: int,
     on: Array = PROCESSOR,
-) -> Pictures:
-    """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_vantages`."""
-    return Pictures(shape, pitch, wavelength, spread_vantages(pitch, wavelength, low, high, seed), on=on)
+) -> TargetImages:
+    """Target images of one wavelength at `spread_viewpoints`; see there, and `TargetImages`, for the parameters."""
+    return TargetImages(
+        shape, pitch, wavelength, spread_viewpoints(pitch, wavelength, low, high, seed), on=on
+    )
 
 
-def despeckle(fields: Array, targets: Pictures, steps: int, seed: int, progress: PartProgress) -> Array:
-    """Fields moved towards the wanted pictures.
+def despeckle(fields: Array, targets: TargetImages, steps: int, seed: int, progress: PartProgress) -> Array:
+    """Optimize fields towards target images.
 
     Parameters
     ----------
     fields : array, complex64, shape (frames, y, x)
-        Of one wavelength.
-    targets : Pictures
+        Fields of one wavelength.
+    targets : TargetImages
     steps : int
+        Number of steps of Adam.
     seed : int
-        Of the order in which pictures are looked at.
+        Seed of the order of target images.
     progress : callable
         ``progress(done)``, may raise.
 
@@ -79,7 +82,7 @@ def despeckle(fields: Array, targets: Pictures, steps: int, seed: int, progress:
             slopes = threads.each(slope, frames)
             adam.step(values, slopes, Adam.rate(step, steps, longest), threads)
             progress((step + 1) / steps)
-        # the loss leaves the scale of the fields free
+        # the loss does not depend on the scale of the fields
         spectra = targets.spectra(arrays.of_pairs(values), threads)
-    now = sum(arrays.product(s, s).real for s in spectra) / (targets.space.band.size * frames)
-    return arrays.of_pairs(values) * math.sqrt(energy / now)
+    current_energy = sum(arrays.product(s, s).real for s in spectra) / (targets.space.band.size * frames)
+    return arrays.of_pairs(values) * math.sqrt(energy / current_energy)

@@ -1,7 +1,7 @@
-"""Points (x, y, z, weight) that stand for a Gaussian of three dimensions, in its standard deviations; its middle first.
+"""Quadrature points (x, y, z, weight) of a three-dimensional Gaussian, in its standard deviations.
 
-Means of polynomials over them are the Gaussian's up to a degree (Stroud, Approximate Calculation of Multiple Integrals,
-1971, section 8.8). The middle is among those of the fifth and the seventh degree.
+Means of polynomials over the points are those over the Gaussian up to a degree (Stroud, Approximate Calculation of
+Multiple Integrals, 1971, section 8.8). The points of the fifth and the seventh degree start with the center.
 """
 
 import itertools
@@ -9,7 +9,7 @@ import math
 
 
 def _symmetric(point, weight):
-    """A point with its coordinates in any order and of any sign."""
+    """Points with the same coordinates in any order and of any sign."""
     places = set()
     for signs in itertools.product((1, -1), repeat=3):
         places.update(itertools.permutations(s * value + 0.0 for s, value in zip(signs, point, strict=True)))
@@ -17,7 +17,7 @@ def _symmetric(point, weight):
 
 
 def _fifth():
-    """13 points: the middle and the corners of an icosahedron."""
+    """13 points: the center and the corners of an icosahedron."""
     ring = [(2 * math.cos(a), 2 * math.sin(a), 1.0) for a in (n * (2 * math.pi / 5) for n in range(5))]
     corners = [(0.0, 0.0, math.sqrt(5)), *ring]
     points = [(sign * x, sign * y, sign * z, 1 / 20) for x, y, z in corners for sign in (1, -1)]
@@ -25,7 +25,7 @@ def _fifth():
 
 
 def _seventh():
-    """27 points, on axes, diagonals of faces and corners of cubes, at squares 1/a, 1/b and 1/c of a coordinate.
+    """27 points: the center, and points on axes, face diagonals and corners of cubes of squares 1/a, 1/b and 1/c.
 
     Moments x^2 y^2 z^2, x^4 y^2 and x^6 give the weights; x^2 y^2, x^4 and x^2 give c = 1 - 2 b, a = (1 - b) / 5 and
     10 a^2 + 4 b^2 + c^2 = 1.

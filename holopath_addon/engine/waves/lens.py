@@ -1,4 +1,4 @@
-"""Light behind a lens, and in the far field: Collins' integral, by one transform.
+"""Light behind a lens, and in the far field: the Collins integral, by one transform.
 
 S. A. Collins, J. Opt. Soc. Am. 60, 1168 (1970): with the ray matrix A, B, C, D from one plane to another,
 
@@ -29,29 +29,32 @@ if TYPE_CHECKING:
     from ..pixels import Pitch
     from .arrays import Array
 
-WHOLE = 1e-9  # of a turn, by which steps may differ from those of a Fourier transform
-ROUND = (1 - math.sqrt(0.5)) / 2  # k of `spread_waves`: the picture's corners meet the disc's rim
+WHOLE = 1e-9  # turns by which steps may differ from those of a Fourier transform
+ROUND = (1 - math.sqrt(0.5)) / 2  # k of `spread_waves`: the image's corners meet the disk's edge
 
 
 class Collins:
-    """The way of one wavelength's light to another plane, on a grid of another pitch there around the same axis.
+    """Propagation of one wavelength to another plane, with a grid of another pitch around the same axis.
 
-    Left out are the curvature exp(i pi D x'^2 / (lambda B)) of the light on that plane, which neither intensities there
-    nor the telecentric space of an `AerialImage` have, and a constant phase. Fields are scaled by the sizes of pixels:
-    their squares, summed, are the light's power on both planes.
+    The curvature exp(i pi D x'^2 / (lambda B)) on that plane is omitted, as neither intensities nor the telecentric
+    space of an `AerialImage` have it, and so is a constant phase. Fields are scaled by the sizes of pixels, so that the
+    sum of their squares is the light's power on both planes.
 
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns of the first plane. Of more than the other plane has, those in the middle count, so that the
-        other plane's pixels sample their light.
+        Rows and columns of the first plane. If it has more than the other plane, only the central ones are used, so
+        that the other plane's pixels sample their light.
     pitch : float or (float, float)
+        Pixel pitch of the first plane, meters.
     wavelength : float
         Meters.
     curvature, reach : float
         A, and B in meters, which is not 0.
-    there_shape, there_pitch : (int, int), float
-        Of the other plane, whose pixels are square.
+    image_shape : (int, int)
+        Rows and columns of the other plane.
+    image_pitch : float
+        Pitch of its square pixels, meters.
     """
 
     def __init__(
@@ -61,28 +64,28 @@ class Collins:
         wavelength: float,
         curvature: float,
         reach: float,
-        there_shape: Sequence[int],
-        there_pitch: float,
+        image_shape: Sequence[int],
+        image_pitch: float,
     ) -> None:
-        step = there_pitch / (wavelength * reach)
+        step = image_pitch / (wavelength * reach)
         bend = curvature / (wavelength * reach)
         self._axes = [
             _Axis(n, count, d * step, bend * d**2)
-            for n, count, d in zip(shape, there_shape, axes(pitch), strict=True)
+            for n, count, d in zip(shape, image_shape, axes(pitch), strict=True)
         ]
 
     @property
     def kind(self) -> str:
-        """How it is computed: a ``Fourier`` transform where pixels are as fine as that of one, else ``chirp-z``."""
+        """Kind of transform: ``Fourier`` if the pitch is that of an FFT, else ``chirp-z``."""
         return "Fourier" if all(axis.whole for axis in self._axes) else "chirp-z"
 
     @property
     def used(self) -> tuple[slice, ...]:
-        """Rows and columns of the first plane whose light counts."""
+        """Rows and columns of the first plane that are used."""
         return tuple(axis.used for axis in self._axes)
 
-    def there(self, fields: Array) -> Array:
-        """Fields on the other plane.
+    def propagate(self, fields: Array) -> Array:
+        """Propagate fields to the other plane.
 
         Parameters
         ----------
@@ -93,13 +96,13 @@ class Collins:
         array, complex64, or complex128 of such fields
         """
         for axis, place in zip(self._axes, (-2, -1), strict=True):
-            fields = axis.there(fields, place)
+            fields = axis.propagate(fields, place)
         return fields
 
-    def back(self, fields: Array) -> Array:
-        """The adjoint of `there`: fields on the first plane, whose light on the other is what can be sent there."""
+    def adjoint(self, fields: Array) -> Array:
+        """Apply the adjoint of `propagate`, to fields on the other plane."""
         for axis, place in zip(self._axes, (-2, -1), strict=True):
-            fields = axis.back(fields, place)
+            fields = axis.adjoint(fields, place)
         return fields
 
 
@@ -123,12 +126,12 @@ class _Axis:
         self.used = slice(start, start + used)
         self.whole = used == count and abs(abs(step) * count - 1) < WHOLE
         j, k = np.arange(used), np.arange(count)
-        middle, middle_there = (n - 1) / 2 - start, (count - 1) / 2
-        size = abs(step)  # with a step below 0, light is mirrored: the conjugate's conjugate
+        center, image_center = (n - 1) / 2 - start, (count - 1) / 2
+        size = abs(step)  # a negative step mirrors light: the conjugate of the transform of the conjugate
         self._mirrored = step < 0
         bend = -bend if self._mirrored else bend
-        first = bend / 2 * (j - middle) ** 2 + size * middle_there * j
-        last = size * middle * (k - middle_there)
+        first = bend / 2 * (j - center) ** 2 + size * image_center * j
+        last = size * center * (k - image_center)
         if not self.whole:
             first, last = first - size * j**2 / 2, last - size * k**2 / 2
             bins = scipy.fft.next_fast_len(2 * max(used, count) - 1)
@@ -137,14 +140,14 @@ class _Axis:
             self._chirp = (math.sqrt(size) * chirp).astype(np.complex64)
         self._ends = [phasor(turns).astype(np.complex64) for turns in (first, last)]
 
-    def there(self, fields, place):
+    def propagate(self, fields, place):
         xp, (first, last) = arrays.namespace(fields), self._ends
         fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], first, last, self._mirrored)
         return xp.moveaxis(fields, -1, place)
 
-    def back(self, fields, place):
+    def adjoint(self, fields, place):
         xp, (first, last) = arrays.namespace(fields), self._ends
-        # what lies between the two chirps is symmetric, so its adjoint is its conjugate
+        # the operation between the two chirps is symmetric, so its adjoint is its conjugate
         fields = self._along(xp.moveaxis(fields, place, -1), last, first, not self._mirrored)
         if self._count < self._n:
             wide = arrays.zeros((*fields.shape[:-1], self._n), fields.dtype, fields)
@@ -153,7 +156,7 @@ class _Axis:
         return xp.moveaxis(fields, -1, place)
 
     def _along(self, fields, first, last, conjugate):
-        """The last axis times one chirp, transformed, times the other; or by the conjugates of all of them."""
+        """Multiply the last axis by one chirp, transform it, and multiply by the other; or the same with conjugates."""
         xp, first, last = arrays.namespace(fields), arrays.like(first, fields), arrays.like(last, fields)
         fields = xp.conj(fields) if conjugate else fields
         if self.whole:
@@ -164,36 +167,29 @@ class _Axis:
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
-    """The way from the SLM to a wavelength's pixels of the `AerialImage` behind its lens; None where there is none."""
+    """Propagation from the SLM to a wavelength's pixels of the `AerialImage` behind the lens; None without a lens."""
     image = hologram.in_air
     if not isinstance(image, AerialImage):
         return None
-    panel, lens = image.panel, image.lens
-    there = image.raster(wavelength)
-    return Collins(
-        (panel.height, panel.width),
-        panel.pitch,
-        wavelength,
-        lens.curvature,
-        lens.reach,
-        there.shape,
-        there.pitch,
-    )
+    panel, lens, raster = image.panel, image.lens, image.raster(wavelength)
+    shape = panel.height, panel.width
+    return Collins(shape, panel.pitch, wavelength, lens.curvature, lens.reach, raster.shape, raster.pitch)
 
 
 def spread_waves(frames: int, shape: Sequence[int]) -> np.ndarray:
-    """Even waves on the plane of a picture behind a lens, whose light fills the aperture evenly.
+    """Waves of even intensity on the plane of an image behind a lens, whose light fills the aperture evenly.
 
-    An even plane wave comes from the middle of the SLM alone, and phases cannot leave the rest of it dark. Here each
-    place of the picture has its light from a place of its own: the local frequency is the gradient of
-    (X^2 + Y^2) / 2 - k X^2 Y^2, with X and Y from -1 to 1 over the picture, which maps its square to a disc but for
-    1 %. Out of focus such a picture grows or shrinks, in turn from frame to frame.
+    A plane wave comes from the center of the SLM alone, and phases cannot leave the rest of it dark. Here each point of
+    the image has its light from another point of the SLM: the local frequency is the gradient of
+    (X^2 + Y^2) / 2 - k X^2 Y^2, with X and Y from -1 to 1 over the image, which maps its square to a disk to within
+    1 %. Out of focus such an image grows in one frame and shrinks in the next.
 
     Parameters
     ----------
     frames : int
+        Number of frames.
     shape : (int, int)
-        Rows and columns of the picture's own pixels.
+        Rows and columns of the image's own pixels.
 
     Returns
     -------

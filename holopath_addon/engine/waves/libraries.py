@@ -1,4 +1,4 @@
-"""Which library of arrays computes waves and phases, and how numbers come there from Dr.Jit."""
+"""Choice of the array library that computes waves and phases, and conversion of Dr.Jit's arrays."""
 
 from __future__ import annotations
 
@@ -21,37 +21,36 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 NUMPY = "numpy"
-# Those that compute on a card, by their modules. Of two that are there, the one that is loaded already; else the first,
-# which is loaded in less time.
+# Libraries that compute on a graphics card, by their modules. Of two that are installed, the loaded one is used, else
+# the first, which loads faster.
 ON_CARDS = {"cupy": "CuPy", "torch": "PyTorch"}
 VARIABLE = "HOLOPATH_ARRAYS"
-EXTENSION = "HoloPath for NVIDIA Cards"  # which brings one to Blender
-# What does elsewhere.
+EXTENSION = "HoloPath for NVIDIA Cards"  # brings one to Blender
 INSTALL = (
     f"add the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'holopath[cuda]'`"
 )
 RAN_OUT = (
-    "The graphics card's memory did not suffice, and the processor went on: choose fewer pixels, frames or "
-    f"wavelengths, or set {VARIABLE}=numpy."
+    "The graphics card ran out of memory, and the processor continued: choose fewer pixels, frames or wavelengths, or "
+    f"set {VARIABLE}=numpy."
 )
 
 
-def chosen() -> tuple[str, str]:
-    """Library that waves and phases are computed by, with the backend that is set.
+def choose() -> tuple[str, str]:
+    """Choose the library that computes waves and phases with the current backend.
 
-    It is NumPy but for CUDA, where it is one of `ON_CARDS`, whichever is installed. `HOLOPATH_ARRAYS` names another.
+    It is one of `ON_CARDS` with CUDA, if any is installed, and otherwise NumPy. `HOLOPATH_ARRAYS` overrides the choice.
 
     Returns
     -------
     name : str
         ``numpy``, or a module of `ON_CARDS`.
     advice : str
-        Where a card could compute them and does not, a sentence that says why, and what to do; else empty.
+        If a card could compute them and does not, a sentence with the reason and the remedy; else empty.
 
     Raises
     ------
     InvalidInput
-        If `HOLOPATH_ARRAYS` names what there is not, or what cannot be used.
+        If `HOLOPATH_ARRAYS` names an unknown library, or one that cannot be used.
     """
     named, device = os.environ.get(VARIABLE, ""), _device()
     if named:
@@ -75,33 +74,34 @@ def chosen() -> tuple[str, str]:
 
 
 def installed() -> list[str]:
-    """Modules of `ON_CARDS` that can be found, the one to take first."""
+    """List the installed modules of `ON_CARDS`, the preferred one first."""
     return sorted(filter(find_spec, ON_CARDS), key=lambda name: name not in sys.modules)
 
 
-def advice(why: str = "") -> str:
-    """Why the processor computes waves although there is a card, and what to do, a sentence.
+def advice(problem: str = "") -> str:
+    """Sentence why the processor computes waves although there is a card, and what to do.
 
-    `why` is what keeps the libraries that are installed from it; by default none is.
+    Parameters
+    ----------
+    problem : str
+        Problem of the installed libraries. Default: none is installed.
     """
-    if why:
-        cure = "a newer NVIDIA driver, or a library that fits the one that is there, has the card do it"
+    if problem:
+        remedy = "install a newer NVIDIA driver, or a library that fits the installed one"
     else:
-        why, cure = (
-            f"neither {' nor '.join(ON_CARDS.values())} is installed",
-            f"{INSTALL}, and the card does it",
-        )
-    return f"Waves and phases are computed by the processor, as {why}: {cure}."
+        problem = f"neither {' nor '.join(ON_CARDS.values())} is installed"
+        remedy = f"{INSTALL} to use the card"
+    return f"Waves and phases are computed by the processor, as {problem}: {remedy}."
 
 
-def described() -> str:
-    """What would compute waves and phases on a card, a sentence; nothing is loaded for that."""
-    found = installed()
-    return f"Waves and phases are computed on the card by {ON_CARDS[found[0]]}." if found else advice()
+def describe() -> str:
+    """Sentence that names the library for a card; it is not loaded."""
+    names = installed()
+    return f"Waves and phases are computed on the card by {ON_CARDS[names[0]]}." if names else advice()
 
 
-def beginning(name: str) -> Array:
-    """An empty array of a library, where it is to compute; NumPy's where the library cannot be used."""
+def empty_array(name: str) -> Array:
+    """Empty array of a library on the device where it computes; of NumPy if the library cannot be used."""
     if name == NUMPY or _problem(name, _device()):
         return PROCESSOR
     module: Any = importlib.import_module(name)
@@ -110,29 +110,29 @@ def beginning(name: str) -> Array:
 
 
 def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) -> tuple[Result, str]:
-    """Work on some numbers by the library of `chosen`, or on the processor where the card's memory does not suffice.
+    """Run a function with the library of `choose`, or on the processor if the card's memory is too small.
 
     Parameters
     ----------
     work : callable
-        ``work(data)``, with numbers in the namespace of the library.
+        ``work(data)``, with data of the library.
     data : numpy.ndarray
     needed : float
-        Bytes of the card's memory that it takes.
+        Bytes of the card's memory that the function takes.
 
     Returns
     -------
     result
-        Of the work.
+        Result of the function.
     note : str
-        Where the memory ran out meanwhile, a sentence; else empty.
+        `RAN_OUT` if the card ran out of memory, else empty.
 
     Raises
     ------
     InvalidInput
-        As `chosen`, and what the work raises.
+        See `choose`; and any error of the function.
     """
-    on = beginning(chosen()[0])
+    on = empty_array(choose()[0])
     memory = on_card(on)
     if isinstance(on, np.ndarray) or (memory and memory[1] < needed):
         return work(data), ""
@@ -145,47 +145,47 @@ def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) ->
 
 
 def out_of_memory(error: BaseException) -> bool:
-    """Whether a card's memory ran out; libraries, FFTs in them and Dr.Jit each have an error of their own for that."""
-    words = str(error)
-    ran_out = "CUFFT_ALLOC_FAILED" in words or "out of memory" in words
+    """Whether a card ran out of memory; libraries, their FFTs and Dr.Jit each have an error of their own for that."""
+    message = str(error)
+    ran_out = "CUFFT_ALLOC_FAILED" in message or "out of memory" in message
     return type(error).__name__ == "OutOfMemoryError" or (isinstance(error, RuntimeError) and ran_out)
 
 
 def from_drjit(values: Any, array: Array) -> Array:
-    """Complex numbers of Dr.Jit's, real and imaginary parts in turn, in the namespace of an array.
-
-    They stay in the memory where they lie, by DLPack.
+    """Convert Dr.Jit's numbers to complex ones of the library of an array, in the same memory by DLPack.
 
     Parameters
     ----------
     values : drjit array of float32
+        Real and imaginary parts in turn.
     array : array
+        Array of the library.
     """
     if isinstance(array, np.ndarray):
         return np.asarray(values).view(np.complex64)
     import drjit
 
     drjit.eval(values)
-    drjit.sync_thread()  # other libraries have streams of their own
+    drjit.sync_thread()  # other libraries use other streams
     xp = namespace(array)
     return of_pairs(xp.reshape(xp.from_dlpack(values), (-1, 2)))
 
 
 def _device():
-    """Where arrays of PyTorch lie that go with the backend."""
+    """PyTorch's device for the backend."""
     return "cuda" if variants.on_card() else "cpu"
 
 
 @lru_cache
 def _problem(name, device):
-    """What keeps a library from computing on a device; nothing if it can."""
+    """Reason why a library cannot compute on a device; empty if it can."""
     try:
         module: Any = importlib.import_module(name)
         options = {"device": device} if name == "torch" else {}
         float(module.ones(8, dtype=module.float32, **options).sum())
     except ImportError:
         return f"{ON_CARDS[name]} is not installed"
-    except Exception as error:  # of a driver that is too old, or no card; each library has errors of its own
-        said = str(error).strip() or type(error).__name__
-        return f"{ON_CARDS[name]} cannot compute there ({said.splitlines()[0].rstrip('.')})"
+    except Exception as error:  # each library has errors of its own for an old driver, or no card
+        message = str(error).strip() or type(error).__name__
+        return f"{ON_CARDS[name]} cannot compute there ({message.splitlines()[0].rstrip('.')})"
     return ""

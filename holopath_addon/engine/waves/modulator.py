@@ -1,4 +1,4 @@
-"""What a real spatial light modulator makes of the phases that it is sent."""
+"""Effect of a real spatial light modulator on the phases that it is sent."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .propagation import filtered
 if TYPE_CHECKING:
     from .arrays import Array
 
-VARIES = 0.5, 2.0  # times its mean response that a pixel's may be
-MIN_LEVELS = 32  # in a turn, of which the others of a panel of more than a turn are not needed
+VARIATION_RANGE = 0.5, 2.0  # of a pixel's response in terms of the mean
+MIN_LEVELS = 32  # levels in a turn with which a panel of more than a turn needs no others
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,15 @@ class Modulator:
     Parameters
     ----------
     bits : int, optional
-        Of phase that a pixel takes, 1 to 16. Default: any phase.
-        Their steps are even, and a whole turn.
+        Bits of a pixel's phase, 1 to 16, in even steps of a turn. Default: any phase.
     fill_factor : float, optional
         Fraction of a pixel's area that modulates, over 0 to 1. A square pixel of side a emits within an envelope sinc(a
-        fx) sinc(a fy), the whole pixel too; what is between pixels is dark (Goodman, Introduction to Fourier Optics,
-        3rd ed., section 2.2). Default: no envelope, as of pixels that are points of the same power.
+        fx) sinc(a fy), even if it has no gap; gaps are dark (Goodman, Introduction to Fourier Optics, 3rd ed., section
+        2.2). Default: no envelope, as of pixels that are points of the same power.
     unmodulated : float
-        Share of the light, 0 to 1, that leaves as it came: the DC term, which focuses to a spot in the Fourier plane.
+        Fraction of the light, 0 to 1, that is not modulated: the DC term, a spot in the Fourier plane.
     crosstalk : float
-        Standard deviation, in pixels, of the Gaussian that blurs what is shown: fields reach into neighbouring pixels
+        Standard deviation, in pixels, of the Gaussian that blurs the phases, as fields reach into neighboring pixels
         (Moser et al., Opt. Express 27, 25046 (2019)).
 
     Raises
@@ -53,19 +52,21 @@ class Modulator:
 
     def __post_init__(self):
         if self.bits is not None and not 1 <= self.bits <= 16:
-            raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
+            raise InvalidInput(f"Expected 1 to 16 bits, got {self.bits}.")
         if self.fill_factor is not None and not 0 < self.fill_factor <= 1:
-            raise InvalidInput(f"The fill factor must be over 0 and at most 1, not {self.fill_factor:g}.")
+            raise InvalidInput(f"Expected a fill factor over 0 and up to 1, got {self.fill_factor:g}.")
         if not 0 <= self.unmodulated <= 1:
-            raise InvalidInput(f"The unmodulated light is a share of 0 to 1, not {self.unmodulated:g}.")
+            raise InvalidInput(
+                f"Expected a fraction of unmodulated light from 0 to 1, got {self.unmodulated:g}."
+            )
         if not (0 <= self.crosstalk < 10):
-            raise InvalidInput(f"The crosstalk is 0 to 10 pixels, not {self.crosstalk:g}.")
+            raise InvalidInput(f"Expected a crosstalk from 0 to below 10 pixels, got {self.crosstalk:g}.")
 
     def shown(self, phases: Array) -> Array:
-        """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
+        """Return the phases that pixels show if sent these, radians, float32, shape (..., y, x)."""
         phases = arrays.as_type(arrays.known(phases), "float32")
         if self.bits is not None:
-            levels = arrays.as_type(grey_levels(phases, self.bits), "float64")
+            levels = arrays.as_type(gray_levels(phases, self.bits), "float64")
             phases = arrays.as_type(levels * (2 * math.pi / 2**self.bits), "float32")
         return self._blurred(phases) if self.crosstalk else phases
 
@@ -80,10 +81,10 @@ class Modulator:
         return arrays.like(rows, phases) @ phases @ arrays.like(columns.T, phases)
 
     def light(self, phases: Array) -> Array:
-        """Field of amplitude 1 at most that leaves the pixels, complex64, shape (..., y, x).
+        """Return the field that leaves the pixels, of amplitude up to 1, complex64, shape (..., y, x).
 
-        The envelope of the pixels' shape is applied to the sampled field, whose frequencies lie within the SLM's own
-        range: higher orders are left out, as a stop in the Fourier plane takes them away.
+        The envelope of the pixels' shape is applied to the sampled field, whose frequencies are within the SLM's range:
+        higher orders are left out, as a stop in the Fourier plane blocks them.
         """
         shown = self.shown(phases)
         light = arrays.namespace(shown).exp(1j * arrays.as_type(shown, "complex64"))
@@ -103,20 +104,19 @@ class Modulator:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Phases that the pixels of an SLM can have, where they are few.
+    """Phases that the pixels of an SLM with few levels can show.
 
     Parameters
     ----------
     phases : array_like
         Radians, two or more different ones, in any order and of any turn; kept in [0, 2 pi), rising. Of more than a
-        turn those of `one_turn` are kept.
+        turn, those of `one_turn` are kept.
     correction : array_like, shape (y, x), optional
-        Radians that are added at each pixel before its level is found, as for a panel that is not flat: what a pixel
-        shows is one of `phases` less its correction.
+        Radians that are added at each pixel before its level is chosen, as for a panel that is not flat: a pixel shows
+        one of `phases` minus its correction.
     variation : array_like, shape (y, x), optional
-        How many times the step from the first of `phases`, as they are given, each pixel makes: liquid crystal is not
-        as thick everywhere, and a pixel shows phi_0 + v (phi_n - phi_0) (Engström et al., Opt. Express 21, 16086
-        (2013)).
+        Factor v of each pixel's steps from the first phase given: liquid crystal varies in thickness, and a pixel shows
+        phi_0 + v (phi_n - phi_0) (Engström et al., Opt. Express 21, 16086 (2013)).
 
     Raises
     ------
@@ -128,71 +128,71 @@ class Levels:
     variation: np.ndarray | None = None
     _first: float = field(init=False, repr=False)
     _steps: np.ndarray = field(init=False, repr=False)  # from the first, rising, of any turn
-    _whole: bool = field(init=False, repr=False)  # levels of all turns are taken
+    _all_turns: bool = field(init=False, repr=False)  # whether levels of all turns are used
     _ends: tuple[float, float] = field(init=False, repr=False)
 
     def __post_init__(self):
         given = np.asarray(self.phases, float).ravel()
         if not np.isfinite(given).all() or len(np.unique(np.mod(given, 2 * math.pi))) < 2:
-            raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
+            raise InvalidInput("Expected two or more different phases as levels, in radians.")
         given = unwrapped(given)
         kept = one_turn(given)
         object.__setattr__(self, "phases", np.unique(np.mod(given[kept], 2 * math.pi)))
         object.__setattr__(self, "_first", float(given[0]))
         object.__setattr__(self, "_steps", np.unique(given - given[0]))
-        object.__setattr__(self, "_whole", bool(kept.all()))
+        object.__setattr__(self, "_all_turns", bool(kept.all()))
         turn = given[kept] if np.ptp(given[kept]) < 2 * math.pi else self.phases
         object.__setattr__(self, "_ends", (float(turn.min()), float(turn.max())))
         if self.variation is not None:
-            object.__setattr__(self, "variation", varying(self.variation))
+            object.__setattr__(self, "variation", check_variation(self.variation))
         if self.correction is not None:
             correction = np.mod(np.asarray(self.correction, float), 2 * math.pi)
             object.__setattr__(self, "correction", correction.astype(np.float32))
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Least and largest phase, radians, of a turn through which the panel goes without a jump."""
+        """Minimum and maximum phase, radians, of a turn that the panel covers without a jump."""
         return self._ends
 
     @classmethod
     def even(cls, bits: int) -> Levels:
-        """Even steps of a whole turn, 2^bits of them."""
+        """Levels of 2^bits even steps of a turn."""
         return cls(np.arange(2**bits) * (2 * math.pi / 2**bits))
 
     def __len__(self) -> int:
         return len(self.phases)
 
     def nearest(self, phases: Array) -> tuple[Array, Array]:
-        """What pixels can show that is nearest to phases, around the circle.
+        """Return the phases nearest to given ones that pixels can show, around the circle.
 
         Parameters
         ----------
         phases : array, float
-            Radians, of any turn; where there is a correction or a variation, of as many pixels.
+            Radians, of any turn; with a correction or a variation, of its pixels.
 
         Returns
         -------
-        shown, gaps : array
-            Radians, as `phases` by library, shape and type: what is shown, in the turn of the phase; and how far the
-            levels on both sides of it are from each other.
+        nearest, gaps : array
+            Radians, of the library, shape and type of `phases`: the nearest phases, in the same turn, and the distances
+            between the levels on both sides.
         """
         xp, turn, correction = arrays.namespace(phases), 2 * math.pi, 0.0
         if self.correction is not None:
             correction = arrays.like(self.correction.ravel(), phases)
         if self.variation is not None:
             correction = correction - self._first
-        wanted = xp.reshape(phases, (-1,)) + correction
-        begun = xp.floor(wanted / turn) * turn
-        within = wanted - begun
+        flat = xp.reshape(phases, (-1,)) + correction
+        turns = xp.floor(flat / turn) * turn
+        within = flat - turns
         if self.variation is None:
             low, high = self._around(within)
         else:
             low, high = self._around_each(within, self.variation)
-        level = xp.where(within - low <= high - within, low, high) + begun - correction
-        shown, gaps = (
+        level = xp.where(within - low <= high - within, low, high) + turns - correction
+        nearest, gaps = (
             xp.reshape(arrays.as_type(each, phases.dtype), phases.shape) for each in (level, high - low)
         )
-        return shown, gaps
+        return nearest, gaps
 
     def _around(self, within):
         """Levels on both sides of phases in [0, 2 pi)."""
@@ -203,55 +203,60 @@ class Levels:
         return xp.take(ring, above - 1), xp.take(ring, above)
 
     def _around_each(self, within, variation):
-        """The same of steps from the first level, of which each pixel makes a share."""
+        """Levels on both sides of phases for steps from the first level, times each pixel's `variation`."""
         xp, turn, first, last = arrays.namespace(within), 2 * math.pi, 0, len(self._steps)
-        steps, share = (arrays.like(each.ravel(), within) for each in (self._steps, variation))
-        if not self._whole:
-            first, last = _places(steps, -turn / share, "right"), _places(steps, turn / share)
+        steps, factor = (arrays.like(each.ravel(), within) for each in (self._steps, variation))
+        if not self._all_turns:
+            first, last = _places(steps, -turn / factor, "right"), _places(steps, turn / factor)
         low = arrays.zeros(within.shape, "float64", within) - math.inf
         high = -low
         ends = self._steps[[0, -1]] * variation.max() / turn
         for turns in range(math.floor(ends[0]) - 1, math.ceil(ends[1]) + 2):
-            found = _places(steps, (within + turns * turn) / share)
-            below, above = xp.minimum(found, last), xp.maximum(found, first)
-            shown = share * xp.take(steps, xp.maximum(below - 1, 0)) - turns * turn
-            low = xp.where(below > first, xp.maximum(low, shown), low)
-            shown = share * xp.take(steps, xp.minimum(above, len(self._steps) - 1)) - turns * turn
-            high = xp.where(above < last, xp.minimum(high, shown), high)
+            place = _places(steps, (within + turns * turn) / factor)
+            below, above = xp.minimum(place, last), xp.maximum(place, first)
+            level = factor * xp.take(steps, xp.maximum(below - 1, 0)) - turns * turn
+            low = xp.where(below > first, xp.maximum(low, level), low)
+            level = factor * xp.take(steps, xp.minimum(above, len(self._steps) - 1)) - turns * turn
+            high = xp.where(above < last, xp.minimum(high, level), high)
         return low, high
 
     def to_dict(self) -> dict:
-        """JSON-able form; of maps their SHA-256."""
+        """Return a JSON-able form, with the SHA-256 of maps."""
         maps = {"correction": self.correction, "variation": self.variation}
-        told = {
+        entries = {
             name: None if each is None else hashlib.sha256(each.tobytes()).hexdigest()
             for name, each in maps.items()
-            if name == "correction" or each is not None  # as in reports of versions that did not know it
+            if name == "correction" or each is not None  # as in reports of versions without a variation
         }
-        if self.variation is not None:  # for which the order counts, and the turns
-            told |= {"first": self._first, "steps": self._steps.tolist()}
-        return {"phases": self.phases.tolist(), **told}
+        if self.variation is not None:  # which depends on the order and the turns
+            entries |= {"first": self._first, "steps": self._steps.tolist()}
+        return {"phases": self.phases.tolist(), **entries}
 
     @property
     def widest_gap(self) -> float:
-        """Radians between those neighbors that are farthest apart, around the circle."""
-        shares = (1.0,) if self.variation is None else np.quantile(self.variation, np.linspace(0, 1, 33))
-        turn = math.inf if self._whole else 2 * math.pi
-        steps = (share * self._steps for share in shares)
+        """Largest distance between neighboring levels around the circle, radians."""
+        factors = (1.0,) if self.variation is None else np.quantile(self.variation, np.linspace(0, 1, 33))
+        turn = math.inf if self._all_turns else 2 * math.pi
+        steps = (factor * self._steps for factor in factors)
         rings = (np.unique(np.mod(each[np.abs(each) < turn], 2 * math.pi)) for each in steps)
         return float(max(np.diff(ring, append=ring[0] + 2 * math.pi).max() for ring in rings))
 
 
 def _places(rising, values, side="left"):
-    """Where values lie between numbers of double precision."""
+    """Places of values in a rising sequence of double precision."""
     return arrays.namespace(values).searchsorted(rising, arrays.as_type(values, "float64"), side=side)
 
 
 def unwrapped(phases: np.ndarray) -> np.ndarray:
-    """Phases of levels, without jumps of a turn where a response that rises or falls was written modulo 2 pi.
+    """Phases of levels without jumps of a turn, if a monotonic response was written modulo 2 pi.
 
-    It was if 16 or more levels lie within a turn, and all steps are less than a quarter of a turn but those that are
-    more than three quarters.
+    It was if there are 16 or more levels within a turn, and every step is less than a quarter of a turn, or more than
+    three quarters.
+
+    Parameters
+    ----------
+    phases : numpy.ndarray, shape (level,)
+        Radians.
     """
     steps = np.abs(np.diff(phases))
     jumps = steps > 1.5 * math.pi
@@ -260,49 +265,60 @@ def unwrapped(phases: np.ndarray) -> np.ndarray:
 
 
 def one_turn(phases: np.ndarray, min_levels: int = MIN_LEVELS) -> np.ndarray:
-    """Which levels of a panel of more than a turn are used, shape (level,).
+    """Mask of the levels that are used of a panel of more than a turn, shape (level,).
 
-    Of two levels that are a turn apart, the same one must always be taken. Else smooth phases become a pattern of
-    both, and where neighbors differ by a turn, what runs from pixel to pixel (crosstalk) shows phases in between. So
-    those are used that lie within a turn from the least phase of a response that rises, from the largest of one that
-    falls. All are used where fewer than `min_levels` would be left, as of a PLM: there rounding costs more.
+    Of two levels that are a turn apart, the same one must always be used. Otherwise smooth phases become a pattern of
+    both, and crosstalk between neighbors that differ by a turn shows phases in between. So the levels within a turn of
+    the smallest phase of a rising response are used, or of the largest phase of a falling one. All are used if fewer
+    than `min_levels` would be left, as for a PLM, where rounding costs more.
 
     Parameters
     ----------
     phases : numpy.ndarray, shape (level,)
         Radians, `unwrapped`.
     min_levels : int
+        Minimum number of levels in a turn.
     """
     turn = 2 * math.pi - 1e-9
     kept = phases < phases.min() + turn if phases[-1] >= phases[0] else phases > phases.max() - turn
     return kept if np.count_nonzero(kept) >= min_levels else np.ones(len(phases), bool)
 
 
-def varying(variation: np.ndarray) -> np.ndarray:
-    """A map of how many times a step each pixel makes, float32, see `Levels`.
+def check_variation(variation: np.ndarray) -> np.ndarray:
+    """Check a map of the `variation` of `Levels`, and return it as float32.
 
     Raises
     ------
     InvalidInput
-        If it is none.
+        If it is not a map, or a value is out of range.
     """
     variation = np.asarray(variation)
-    low, high = VARIES
+    low, high = VARIATION_RANGE
     if variation.ndim != 2 or not variation.size or variation.dtype.kind not in "fiu":
-        raise InvalidInput("The variation is no map of numbers near 1, one a pixel.")
+        raise InvalidInput("Expected a map of numbers near 1 as variation, one for each pixel.")
     if not (low <= variation.min() and variation.max() <= high):  # NaN is neither
-        raise InvalidInput(f"The variation of a pixel's response is {low:g} to {high:g} times the mean.")
+        raise InvalidInput(
+            f"Expected variations of pixels' responses from {low:g} to {high:g} times the mean."
+        )
     return np.ascontiguousarray(variation, np.float32)
 
 
 def wrapped(phases: Array) -> Array:
-    """Phases in [0, 2 pi), float32."""
+    """Return phases in [0, 2 pi), float32."""
     xp, turn = arrays.namespace(phases), float(np.float32(2 * math.pi))
     phases = arrays.as_type(xp.remainder(phases, 2 * math.pi), "float32")
     return xp.where(phases < turn, phases, 0.0)  # the largest float below a turn is rounded to it
 
 
-def grey_levels(phases: Array, bits: int = 8) -> Array:
-    """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
+def gray_levels(phases: Array, bits: int = 8) -> Array:
+    """Levels of an SLM for phases in radians: integers in [0, 2^bits), where a whole turn is 0 again.
+
+    Parameters
+    ----------
+    phases : array, float
+        Radians.
+    bits : int
+        Bits of a level.
+    """
     levels = arrays.namespace(phases).round(phases * (2**bits / (2 * math.pi)))
     return arrays.as_type(levels, "int32") % 2**bits

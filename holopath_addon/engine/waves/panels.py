@@ -1,4 +1,4 @@
-"""A field at the panel of another bench, on which colors lie elsewhere."""
+"""Fields at the panel of another bench, whose colors have other pixel positions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..errors import InvalidInput
 from ..optics import COLORS
 from ..pixels import beyond, coarsest, frequencies
 from . import arrays
-from .propagation import carrier, commensurate, moved, padded_shape, transfer_function
+from .propagation import carrier, commensurate, padded_shape, propagate_stack, transfer_function
 
 if TYPE_CHECKING:
     from ..optics import Optics
@@ -19,28 +19,29 @@ if TYPE_CHECKING:
 
 
 def at_panel(field: WaveField, optics: Optics) -> WaveField:
-    """The same light at the panel of a bench, where its pixels lie for each color.
+    """Propagate a field to the panel of another bench, at its pixels for each color.
 
-    What passes beside that panel is lost, and so are directions that its pixels cannot send.
+    Light that misses the panel is lost, and so are directions that its pixels cannot send.
 
     Parameters
     ----------
     field : WaveField
     optics : Optics
+        Optics of the other bench.
 
     Returns
     -------
     WaveField
-        Without `WaveField.more` where colors lie elsewhere.
+        Without `WaveField.more` if the pixel positions change.
 
     Raises
     ------
     InvalidInput
-        If the field is of another lens, or the optics do not go with its pixels.
+        If the field is of another lens, or the optics do not fit its pixels.
     """
     if optics.lens != field.hologram.optics.lens:
         raise InvalidInput(
-            "The field was rendered for another lens: render it with this one, or set that one again."
+            "The field was rendered for another lens. Render it with this one, or set the other one again."
         )
     before, after = field.hologram, replace(field.hologram, optics=optics)
     if all(getattr(before.optics, name) == getattr(optics, name) for name in COLORS):
@@ -56,6 +57,6 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
         fy, fx = frequencies(padded, pitch)
         edge = 0.5 * coarsest(pitch) / coarsest(after.pitch_at(wavelength))
         transfer *= arrays.mask(np.hypot(fy[:, None], fx) <= edge, data)
-        for m, wave in enumerate(moved(field.data[:, k, ...], transfer, lines)):
+        for m, wave in enumerate(propagate_stack(field.data[:, k, ...], transfer, lines)):
             data[m, k, ...] = wave
     return replace(field, data=data, hologram=after, more=None)

@@ -1,4 +1,4 @@
-"""How far the frame mean of the intensity is from what it should be, and the way down: loss, adjoint, Adam."""
+"""Loss of the frames' mean intensity against target images, its gradient, and Adam."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
-DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
+BRIGHTNESS = 10.0  # an image that is 10 % too bright has the loss of a speckle contrast of 0.3
+DARK = 0.05  # fraction of the mean intensity, added to intensities by which errors are divided
 
 
 @dataclass(frozen=True)
-class TargetPicture:
-    """One picture that the fields are judged by.
+class TargetImage:
+    """Target of the fields' mean intensity on one plane, through the pupil or a part of it.
 
     Attributes
     ----------
     transfer : array, complex64, shape (y, x)
-        From the fields' spectra to the spectrum in the picture's plane, pupil included; FFT order.
+        Transfer function from the fields' spectra to the image's, with the pupil; FFT order.
     target : array, float32, shape (y, x)
-        Wanted intensity.
+        Target intensity.
     weight : array, float32, shape (y, x)
-        Of the squared error of each pixel; zero where nothing is known.
+        Weight of the squared error of each pixel; zero where the target is unknown.
     """
 
     transfer: Array
@@ -41,7 +41,7 @@ class TargetPicture:
 
 
 class Frames:
-    """Threads that work on frames side by side; a context manager."""
+    """Thread pool for frames; a context manager."""
 
     def __enter__(self):
         self.pool = ThreadPoolExecutor(threads())
@@ -51,30 +51,31 @@ class Frames:
         self.pool.shutdown()
 
     def each(self, work: Callable[[int], Any], count: int) -> list:
-        """``[work(0), ..., work(count - 1)]``."""
+        """Return ``[work(0), ..., work(count - 1)]``, computed in parallel."""
         return list(self.pool.map(work, range(count)))
 
 
 def blocks(wave: Array) -> list[slice]:
-    """Slices of rows that stay in a processor's cache from one operation to the next; elsewhere all of them."""
+    """Slices of rows that fit into a processor's cache; on other devices one of all rows."""
     shape = wave.shape
     height = max(1, (1 << 15) // shape[1]) if isinstance(wave, np.ndarray) else shape[0]
     return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]
 
 
 def relative(target: Array) -> Array:
-    """Weight of a squared error so that independent frames have the loss 1/m in any picture.
+    """Weight of the squared error of each pixel, with which m independent frames have the loss 1/m in any image.
 
-    One over the intensity, as in the variance of its root, which is how pictures are looked at.
+    It is the inverse of the intensity, as in the variance of its square root, by which images are compared.
 
     Parameters
     ----------
     target : array, float32
+        Target intensity.
 
     Returns
     -------
     array, float32, same shape
-        Zeros for a black picture.
+        Zeros for a black image.
     """
     xp = arrays.namespace(target)
     if not xp.any(target != 0):
@@ -84,33 +85,33 @@ def relative(target: Array) -> Array:
 
 def supervise(
     spectra: Sequence[Array],
-    pictures: Sequence[TargetPicture],
+    images: Sequence[TargetImage],
     energy: float,
     stages: dict[int, float],
     threads: Frames,
 ) -> tuple[dict[int, float], Array]:
-    """Loss of the frame mean over pictures, and its gradient with respect to the spectra.
+    """Compute the loss of the frames' mean intensity, and its gradient with respect to the spectra.
 
-    L = sum over pictures and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
+    L = sum over images and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
     where I is the mean of |ifft(transfer U_n)|^2 over the first m frames, b = sum I / sum target over the pixels that
-    have weight, and c the mean of the frames' energies over `energy`. Speckle and brightness are judged apart, since
-    the squared error of a picture with speckle is least when it is too dark.
+    have weight, and c the mean of the frames' energies over `energy`. Speckle and brightness have separate terms, since
+    the squared error of an image with speckle is least if it is too dark.
 
     Parameters
     ----------
     spectra : sequence of array, complex64, shape (y, x)
         U_n = FFT of each frame's field, cut to the recordable band.
-    pictures : sequence of TargetPicture
+    images : sequence of TargetImage
     energy : float
-        Sum over pixels of the intensity of a field whose pictures are the targets.
+        Sum over pixels of the intensity of a field that shows the targets.
     stages : dict of int to float
-        How much the mean of the first m frames counts, by m.
+        Weight of the mean of the first m frames, by m.
     threads : Frames
 
     Returns
     -------
     losses : dict of int to float
-        By m, without brightness and the factor in `stages`.
+        Losses by m, without the term of brightness and the weight in `stages`.
     gradient : array, complex64, shape (frames, y, x)
         G_n with dL = 2 Re sum conj(G_n) dU_n.
     """
@@ -123,25 +124,25 @@ def supervise(
     losses = dict.fromkeys(stages, 0.0)
     drift = np.zeros(frames)
     waves, gradient = (arrays.empty((frames, *shape), "complex64", spectra[0]) for _ in range(2))
-    for number, picture in enumerate(pictures):
-        _look(waves, spectra, picture.transfer, threads)
+    for number, image in enumerate(images):
+        _propagate(waves, spectra, image.transfer, threads)
         slopes: list = [None] * frames
-        seen = arrays.as_type(picture.weight > 0, "float32")
-        wanted = arrays.total(picture.target * seen)
+        mask = arrays.as_type(image.weight > 0, "float32")
+        target_energy = arrays.total(image.target * mask)
         for count, total in _sums(waves, stages, threads).items():
             last, stage = count - 1, stages[count]
-            brightness = arrays.total(total * seen) / wanted  # m b
-            image = total / brightness
-            error = image - picture.target
-            weighted = error * picture.weight
+            brightness = arrays.total(total * mask) / target_energy  # m b
+            normalized = total / brightness
+            error = normalized - image.target
+            weighted = error * image.weight
             losses[count] += arrays.total(error * weighted)
             excess = float(brightness / scales[last] - 1)
             even = BRIGHTNESS * excess / float(scales[last])
-            even -= arrays.total(image * weighted) / brightness
+            even -= arrays.total(normalized * weighted) / brightness
             slopes[last] = 2 * stage / brightness * weighted
-            slopes[last] += 2 * stage * even / wanted * seen
+            slopes[last] += 2 * stage * even / target_energy * mask
             drift[last] += 2 * stage * BRIGHTNESS * excess * brightness / scales[last] ** 2 / energy
-        factors, adjoint = _of_frames(slopes), xp.conj(picture.transfer)
+        factors, adjoint = _slopes_of_frames(slopes), xp.conj(image.transfer)
 
         def back(frame, first=number == 0, factors=factors, adjoint=adjoint):
             wave, slope = waves[frame, ...], gradient[frame, ...]
@@ -165,30 +166,30 @@ def supervise(
     return losses, gradient
 
 
-def _look(waves, spectra, transfer, threads):
-    """Each frame's wave in a picture's plane, into `waves`."""
+def _propagate(waves, spectra, transfer, threads):
+    """Propagate each frame to an image's plane, into `waves`."""
 
-    def look(frame):
+    def propagate(frame):
         wave = waves[frame, ...]
         arrays.put(wave, arrays.namespace(wave).multiply, spectra[frame], transfer)
         waves[frame, ...] = arrays.ifft2(wave, overwrite=True)
 
-    threads.each(look, len(spectra))
+    threads.each(propagate, len(spectra))
 
 
-def _of_frames(slopes):
-    """Slopes by frame, of slopes by the last frame of a mean: a frame shows in every mean that includes it."""
+def _slopes_of_frames(slopes):
+    """Slopes by frame, from slopes by the last frame of a mean: a frame contributes to every mean that includes it."""
     total, factor, factors = None, 0j, []
     for slope in reversed(slopes):
         if slope is not None:
             total = slope if total is None else total + slope
-            factor = arrays.as_type(total, "complex64")  # a product of unlike numbers is slower
+            factor = arrays.as_type(total, "complex64")  # products of different types are slower
         factors.append(factor)
     return factors[::-1]
 
 
 def _sums(waves, stages, threads):
-    """Intensities of the first frames, summed, by how many: the numbers in `stages`."""
+    """Sums of the intensities of the first frames, by the numbers of frames in `stages`."""
     sums = {count: arrays.empty(waves.shape[1:], "float32", waves) for count in sorted(stages)}
     xp = arrays.namespace(waves)
     parts = blocks(waves[0, ...])
@@ -208,15 +209,21 @@ def _sums(waves, stages, threads):
 
 
 class Adam:
-    """Kingma and Ba, ICLR 2015, over a stack of frames, with a rate that rises at once and falls as a cosine.
+    """Adam (Kingma and Ba, ICLR 2015) over a stack of frames.
+
+    `encoding.phases.Phases` has an Adam of its own, in one pass over each block of pixels with its light.
 
     Parameters
     ----------
     shape : tuple of int
         Frames first.
+    first, second : float
+        Decays of the means of slopes and of their squares.
+    on : array, optional
+        Array whose library and device compute. Default: NumPy.
     """
 
-    WARM_UP = 50  # steps
+    WARM_UP = 50  # steps until the rate is at its highest
 
     def __init__(
         self, shape: tuple[int, ...], first: float = 0.9, second: float = 0.99, on: Array = PROCESSOR
@@ -227,11 +234,11 @@ class Adam:
 
     @classmethod
     def rate(cls, step: int, steps: int, highest: float) -> float:
-        """Length of step number `step` of `steps`."""
+        """Length of step number `step` of `steps`: it rises at once, and falls as a cosine."""
         return highest * min(1, (step + 1) / cls.WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
     def step(self, values: Array, gradient: Sequence[Array], rate: float, threads: Frames) -> None:
-        """Move `values`, an array of the shape given, against the gradient, a sequence of frames, in place."""
+        """Take a step of length `rate` against the gradient, a sequence of frames; `values` change in place."""
         self.count += 1
         first, second = self.decays
         length, spread = rate / (1 - first**self.count), 1 / (1 - second**self.count)

@@ -157,7 +157,7 @@ def test_large_ones_fill_the_pupil():
     assert rim == pytest.approx(middle, rel=0.15)
 
 
-def test_frames_and_colours_are_independent_and_repeatable():
+def test_frames_and_colors_are_independent_and_repeatable():
     surface = Gaussians.of(np.full((2, SIDE, SIDE), 1.0), np.full((SIDE, SIDE), 1e-3), 1e-6)
     two = (GREEN, 516.4e-9)
     wave = blended(job(6, two), surface, np.array([1e-3]), quiet)

@@ -1,4 +1,4 @@
-"""Point cloud: the waves of single points, brightness, visibility, frames, planes, cancelling."""
+"""Point cloud: the waves of single points, brightness, visibility, frames, planes, canceling."""
 
 import numpy as np
 import pytest
@@ -107,7 +107,7 @@ def test_a_slanted_picture_is_as_bright_and_nearly_as_sharp_as_the_truth(build, 
     assert engine.psnr(picture, truth, 24) > 17
 
 
-def test_what_is_hidden_from_the_pupils_centre_is_not_shown(build, camera):
+def test_what_is_hidden_from_the_pupils_center_is_not_shown(build, camera):
     """A bright wall behind a black one that covers the left half, seen through the middle of the pupil."""
     near = build.plane(0.5, build.emissive(build.grey(0.0)), 0.1, 0.15, x=-0.1)
     scene = build.scene(wall=build.plane(2.0, build.emissive(build.grey(1.0))), near=near)

@@ -124,7 +124,7 @@ def test_a_near_facet_blocks_a_far_one(monkeypatch):
     assert at_far[50:78, 43:45].mean() == pytest.approx(0.5, abs=0.1)
 
 
-def test_frames_and_colours_have_phases_of_their_own(monkeypatch):
+def test_frames_and_colors_have_phases_of_their_own(monkeypatch):
     side = 96
     plane = np.ones((side, side), np.float32), np.full((side, side), 2e-3)
     field = field_of(monkeypatch, job_of(side, frames=6), plane)[:, 0].reshape(6, -1)

@@ -111,10 +111,10 @@ def test_frames_are_independent(build, camera):
 
 
 def test_hogels_grow_with_depth_and_hold_a_points_light():
-    from holopath_addon.engine.baselines.stereogram import LEAST, MOST, hogel_side, point_energy
+    from holopath_addon.engine.baselines.stereogram import MAX_SIDE, MIN_SIDE, hogel_side, point_energy
 
     sides = [hogel_side(PITCH, GREEN, reach) for reach in (0.0, 1e-3, 5e-3, 20e-3, 1.0)]
-    assert sides == sorted(sides) and sides[0] == LEAST and sides[-1] == MOST and len(set(sides)) == 3
+    assert sides == sorted(sides) and sides[0] == MIN_SIDE and sides[-1] == MAX_SIDE and len(set(sides)) == 3
     assert not any(side % 2 for side in sides)
     # all windows open, a point on the plane itself would be exp(2 pi i f x) summed over the frequencies in the band
     for spread in (0.0, 10.0, 40.0):

@@ -1,4 +1,4 @@
-"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, cancelling."""
+"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, canceling."""
 
 from types import SimpleNamespace
 
@@ -13,8 +13,8 @@ from holopath_addon.engine.baselines.supervised import phases_for
 from holopath_addon.engine.encoding.double_phase import even_double_phase
 from holopath_addon.engine.waves import arrays, libraries
 from holopath_addon.engine.waves.phase_fields import aimed_waves
-from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import propagate
+from holopath_addon.engine.waves.target_images import TargetImages, Viewpoint
 
 SIDE, BORDER = 128, 24
 DESCENTS = ("rgbd-sgd", "focal-stack", "light-field")
@@ -55,10 +55,10 @@ def card_before_wall(build):
 def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     """Where no light is missing that the SLM's edge cuts off; colors are found one by one, by all methods alike."""
     wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
-    colours = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
-    field = render(method, wall, camera, display(colours))
+    colors = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
+    field = render(method, wall, camera, display(colors))
     mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
-    assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
+    assert mean == pytest.approx([0.8, 0.3][-len(colors) :], rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_phases_of_one_modulus_that_get_better(build, camera, method):
 def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
     """Of pictures that phases can show: those of other phases."""
     rng = np.random.default_rng(5)
-    pictures = Pictures((64, 80), 8e-6, GREEN, [Vantage(1e-3), Vantage(2e-3), Vantage(3e-3)])
+    pictures = TargetImages((64, 80), 8e-6, GREEN, [Viewpoint(1e-3), Viewpoint(2e-3), Viewpoint(3e-3)])
     pictures.add(1.7 * np.exp(2j * np.pi * rng.random((3, 64, 80))).astype(np.complex64))
     losses = []
     for steps in (1, 30, 200):
@@ -230,7 +230,7 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
         mean = FrameMean(pictures, 1.0, threads)
         losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
         shown = [mean.look(light, number) for number in range(3)]
-        assert np.mean(shown) == pytest.approx(pictures.wanted.mean(), rel=0.05)
+        assert np.mean(shown) == pytest.approx(pictures.targets.mean(), rel=0.05)
     assert losses[0] > 2 * losses[1] > 4 * losses[2]
 
 
@@ -242,8 +242,10 @@ def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
 
     def pictures(k, on):
         told.append(type(on))
-        wanted = Pictures((32, 40), 8e-6, hologram.wavelengths[k], [Vantage(1e-3), Vantage(2e-3)], on=on)
-        wanted.wanted[...] = arrays.like(np.stack([picture, 1 - picture]), on)
+        wanted = TargetImages(
+            (32, 40), 8e-6, hologram.wavelengths[k], [Viewpoint(1e-3), Viewpoint(2e-3)], on=on
+        )
+        wanted.targets[...] = arrays.like(np.stack([picture, 1 - picture]), on)
         return wanted
 
     def light():
@@ -252,7 +254,7 @@ def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
         return phases_for(job, pictures, lambda done, what: None), job.notes
 
     wanted, _ = light()
-    monkeypatch.setattr(libraries, "beginning", lambda name: other_library.zeros(0))
+    monkeypatch.setattr(libraries, "empty_array", lambda name: other_library.zeros(0))
     found, notes = light()
     assert told == [np.ndarray] * 2 + [type(other_library.zeros(0))] * 2 and not notes
     assert np.quantile(np.abs(found - wanted), 0.99) < 1e-4 * np.abs(wanted).max()

@@ -30,12 +30,12 @@ def test_frames_share_a_gain(field):
     dim[1] *= 0.5
     dimmed = engine.encode(engine.WaveField(dim, field.hologram, field.camera, field.near), "dpac")
     waves = dimmed.field().data
-    seen = [np.abs(np.fft.fft2(w)[0, :4, :4]).sum() for w in waves[:, 0:1]]
+    image = [np.abs(np.fft.fft2(w)[0, :4, :4]).sum() for w in waves[:, 0:1]]
     whole = [np.abs(np.fft.fft2(w)[0, :4, :4]).sum() for w in dim[:, 0:1]]
-    assert seen[1] / seen[0] == pytest.approx(whole[1] / whole[0], rel=0.15)
+    assert image[1] / image[0] == pytest.approx(whole[1] / whole[0], rel=0.15)
 
 
-def test_a_colour_that_is_black(field):
+def test_a_color_that_is_black(field):
     """A red scene has a hologram, and so has the black frame of an animation: no light is sent in."""
     data = field.data.copy()
     data[:, 1] = 0

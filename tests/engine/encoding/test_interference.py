@@ -61,15 +61,15 @@ def test_a_film_shows_the_picture(speckle, levels, decibels):
 
 
 def test_twin_and_zero_order_lie_outside_the_stop(speckle):
-    """Of the light behind the stop next to nothing is theirs; without it, the twin is as bright as the picture."""
+    """They have hardly any light behind the stop; without it, the twin is as bright as the image."""
     light = behind(engine.interference(speckle), QUARTER).data[0, 0]
     picture, zero_order = speckle.data[0, 0], speckle.hologram.illumination(0)
     twin = picture.conj() * zero_order**2  # along the opposite carrier
 
     def shares(passes):
-        seen = np.fft.fft2(light) * passes
+        image = np.fft.fft2(light) * passes
         found = [np.fft.fft2(each) for each in (picture, twin, zero_order)]
-        return [abs(np.vdot(e, seen)) ** 2 / np.vdot(e, e).real / np.vdot(seen, seen).real for e in found]
+        return [abs(np.vdot(e, image)) ** 2 / np.vdot(e, e).real / np.vdot(image, image).real for e in found]
 
     own, other, unmodulated = shares(QUARTER.passes(SHAPE))
     assert own > 0.95 and other < 0.01 and unmodulated < 0.01
@@ -103,7 +103,7 @@ def test_phases_of_one_bit_are_black_and_white(speckle):
 
 def test_what_cannot_be_printed(speckle):
     on_axis = field_of(speckle.data[0, 0], engine.Optics())
-    with pytest.raises(engine.InvalidInput, match="picture and its twin lie on each other"):
+    with pytest.raises(engine.InvalidInput, match="image and its twin overlap"):
         engine.interference(on_axis)
     with pytest.raises(engine.InvalidInput, match="no light in this frame"):
         engine.interference(field_of(np.zeros(SHAPE), QUARTER))

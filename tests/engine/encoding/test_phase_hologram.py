@@ -8,7 +8,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.engine.encoding import phase_hologram
 from holopath_addon.engine.scene import variants
-from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.modulator import gray_levels
 
 
 def test_round_trip(field, tmp_path):
@@ -27,7 +27,7 @@ def test_round_trip(field, tmp_path):
         phase.gains,
     )
     shown = np.asarray(mi.Bitmap(str(tmp_path / "hologram" / "frame_001_500nm.png")))
-    np.testing.assert_array_equal(np.squeeze(shown), grey_levels(phase.data[1, 1]))
+    np.testing.assert_array_equal(np.squeeze(shown), gray_levels(phase.data[1, 1]))
 
     (tmp_path / "hologram" / "phase.npy").write_bytes(b"no")
     with pytest.raises(engine.InvalidInput, match="damaged"):
@@ -96,5 +96,5 @@ def test_levels_are_the_nearest_of_each_wavelength(field):
     light = phase.field(levels=levels).data
     for color, known in enumerate(((0.0, np.pi), (1.0, 2.0, 4.0))):
         chords = np.abs(np.exp(1j * phase.data[:, color, ..., None]) - np.exp(1j * np.array(known)))
-        wanted = phase.gains[color] * np.exp(1j * np.array(known))[chords.argmin(-1)]
-        np.testing.assert_allclose(light[:, color], wanted, atol=1e-5 * phase.gains[color])
+        expected = phase.gains[color] * np.exp(1j * np.array(known))[chords.argmin(-1)]
+        np.testing.assert_allclose(light[:, color], expected, atol=1e-5 * phase.gains[color])

@@ -233,7 +233,7 @@ def test_the_oldest_files_go(store, triangles, stored, monkeypatch):
     for age, name in enumerate(names):
         (store.folder / name).write_bytes(bytes(size))
         os.utime(store.folder / name, (age, age))
-    monkeypatch.setattr(bake_store, "MOST_BYTES", 2 * size + 10)
+    monkeypatch.setattr(bake_store, "MAX_BYTES", 2 * size + 10)
     store.save(triangles, stored)
     assert {file.name for file in store.files()} == {names[2], store._file(triangles).name}
     assert store.clear() == 2 * size and store.files() == []

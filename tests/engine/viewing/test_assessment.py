@@ -104,7 +104,7 @@ def test_shares_of_a_part_of_the_pupil(x, diameter):
     across, up = np.meshgrid(*[np.linspace(-1, 1, 1001)] * 2)
     inside = np.hypot(across, up) <= 1
     seen = inside & (np.hypot(across - x, up) <= diameter / 2)
-    (share,) = assessment.shares(field, engine.Pupil(x * radius, 0.0, diameter * radius))
+    (share,) = assessment.opening_fractions(field, engine.Pupil(x * radius, 0.0, diameter * radius))
     assert share == pytest.approx(seen.sum() / inside.sum(), abs=2e-3)
 
 
@@ -114,7 +114,9 @@ def test_depth_is_a_slope_in_slices():
         field, focus = points((0, 0, z)), 7e-3
         reach, mapping = 0.5 * assessment.pupil_radius(field), field.mapping
         seen = [engine.Pupil(x, 0.0, reach / 2) for x in (-reach, reach)]
-        lines = assessment.slices(Refocuser(field), float(mapping.z_to_depth(focus)), seen, N // 2, quiet)
+        lines = assessment.epipolar_slices(
+            Refocuser(field), float(mapping.z_to_depth(focus)), seen, N // 2, quiet
+        )
         at = [int(np.convolve(line, np.ones(5), "same").argmax()) for line in lines[..., 0]]
         slope = reach * mapping.focal / mapping.beta
         assert lines.shape == (2, N, 3)

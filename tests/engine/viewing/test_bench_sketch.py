@@ -8,7 +8,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.viewing import bench_sketch
-from holopath_addon.engine.viewing.bench_sketch import FONT, LETTER, axial_view, drawing
+from holopath_addon.engine.viewing.bench_sketch import FONT, LETTER_WIDTH, axial_view, drawing
 
 PITCH = 8e-6
 
@@ -55,7 +55,9 @@ def test_all_lies_within_and_labels_apart(name, width):
     for line in drawn.lines:
         x, y = line.points.T
         assert x.min() > -1 and x.max() < width + 1 and y.min() > -1 and y.max() < drawn.height + 1, line
-    boxes = [(text.x, text.y - FONT, text.x + LETTER * FONT * len(text.text), text.y) for text in drawn.texts]
+    boxes = [
+        (text.x, text.y - FONT, text.x + LETTER_WIDTH * FONT * len(text.text), text.y) for text in drawn.texts
+    ]
     for left, top, right, bottom in boxes:
         assert left >= 0 and top >= 0 and right <= width + 1 and bottom <= drawn.height
     for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
@@ -126,7 +128,7 @@ def test_the_fourier_plane(name):
     areas = [
         line.points for line in drawn.lines if line.role == "light" and line.opacity and len(line.points) == 4
     ]
-    side = bench_sketch.SIDE
+    side = bench_sketch.FOURIER_SIDE
     left, top = drawn.width - side, 1.6 * FONT
     sizes = [np.ptp(p[:, 0]) * np.ptp(p[:, 1]) / side**2 for p in areas]
     axis = np.linspace(-1, 1, 401)

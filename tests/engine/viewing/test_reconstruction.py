@@ -29,7 +29,7 @@ def test_however_many_distances_fit_into_memory_at_once(field, monkeypatch):
     focus = [0.05, 0.5, 3.0, math.inf]
     parts = None, engine.Pupil(0.0, 0.0, 2e-3)
     together = [engine.reconstruct(field, focus, part) for part in parts]
-    monkeypatch.setattr(reconstruction, "MOST_BYTES", 1)
+    monkeypatch.setattr(reconstruction, "MAX_CACHE_BYTES", 1)
     for part, expected in zip(parts, together, strict=True):
         np.testing.assert_array_equal(engine.reconstruct(field, focus, part), expected)
 

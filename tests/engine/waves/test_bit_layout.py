@@ -38,7 +38,7 @@ def test_any_places(drawn, seed):
             for place, digit in zip(places, f"{level:0{bits}b}", strict=True):
                 pixel[place[0]] += int(digit) << place[1]
         assert picture[y, x].tolist() == pixel
-    np.testing.assert_array_equal(layout.gathered(picture), levels)
+    np.testing.assert_array_equal(layout.gather(picture), levels)
     assert not layout.stray(picture)
 
 
@@ -51,21 +51,21 @@ def test_runs_of_bits():
 
 def test_what_a_panel_does_not_look_at():
     layout, picture = bit_layout("R7-0,G7-6"), np.full((2, 2, 3), 255, np.uint8)
-    assert layout.stray(picture) and (layout.gathered(picture)[0] == 1023).all()
+    assert layout.stray(picture) and (layout.gather(picture)[0] == 1023).all()
     assert not layout.stray(picture & np.array([255, 192, 0], np.uint8))
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "does not say which bits"),
-        ("R8", "does not say which bits.*such as R7-5,G7-5,B7-4"),
-        ("A7-0", "does not say which bits"),
-        ("R3,G3,B4,", "does not say which bits"),
-        ("R5-7,G7-5", "R5-7 rise.*write R7-5"),
+        ("", "Expected the bits of a picture's channels"),
+        ("R8", "Expected the bits of a picture's channels.*such as R7-5,G7-5,B7-4.*got 'R8'"),
+        ("A7-0", "Expected the bits of a picture's channels"),
+        ("R3,G3,B4,", "Expected the bits of a picture's channels"),
+        ("R5-7,G7-5", "highest bit of a level first, got R5-7. Write R7-5"),
         ("R7-5,G7-5,R5", "name R5 twice"),
         ("R7-5/R6-4", "name R6 twice"),
-        ("R7-0,G7-0,B7", "17 bits, and an SLM has 16 at most"),
+        ("R7-0,G7-0,B7", "up to 16 bits, got 17"),
         ("R7-4/G7-5", "levels of 4 and 3 bits"),
     ],
 )
@@ -77,5 +77,5 @@ def test_texts_that_are_no_layout(text, says):
 def test_levels_that_do_not_fit():
     layout = bit_layout("R7-0,G7-6")
     layout.spread([np.array([[1023]], np.uint16)])
-    with pytest.raises(InvalidInput, match="a level of 1024, and 10 bits of a picture hold 1023"):
+    with pytest.raises(InvalidInput, match="levels up to 1023, for 10 bits of a picture, got 1024"):
         layout.spread([np.array([[1024]], np.uint16)])

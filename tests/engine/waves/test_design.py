@@ -16,7 +16,7 @@ from holopath_addon.engine.waves.supervision import Frames
 
 
 def test_independent_frames_have_the_loss_of_one():
-    """What the design descends is scaled so that the mean of m independent frames has 1/m."""
+    """The loss of a design is scaled so that the mean of m independent frames has 1/m."""
     recipe = Recipe(8, 128)
     design = Design(recipe, np.angle(random_phasors(8, 128, 128, 1)))
     with Frames() as threads:
@@ -92,11 +92,11 @@ def test_the_design_program_goes_on_where_it_was_interrupted(tmp_path, monkeypat
     status, out = program(tmp_path, "--steps", "12")
     assert status == 130
     assert not out.exists()
-    assert "same command goes on" in capsys.readouterr().err
+    assert "same command continues" in capsys.readouterr().err
     monkeypatch.setattr(Design, "step", step)
     status, out = program(tmp_path, "--steps", "12")
     assert status == 0
-    assert "going on at step 5" in capsys.readouterr().err
+    assert "continuing at step 5" in capsys.readouterr().err
     maps = np.load(out)
     assert maps.shape == (4, 64, 64)
     assert maps.dtype == np.uint8
@@ -104,7 +104,7 @@ def test_the_design_program_goes_on_where_it_was_interrupted(tmp_path, monkeypat
 
 
 def test_the_design_program_designs(tmp_path):
-    """A hundred and fifty steps take a quarter of the squared error away."""
+    """150 steps remove a quarter of the squared error."""
     status, out = program(tmp_path, "--steps", "150", "--reach", "20", "--plane", "1")
     assert status == 0
     designed = np.exp(2j * math.pi / 256 * np.load(out))
@@ -124,7 +124,7 @@ def test_the_design_program_designs(tmp_path):
 
 
 def test_views_through_narrow_parts_may_count_more(tmp_path):
-    """With --narrow, pictures through parts of the pupil a fifth as wide become evener than without."""
+    """Images through parts of the pupil that are a fifth as wide are more even with --narrow than without."""
 
     def contrast(*words):
         status, out = program(tmp_path, "--steps", "150", "--reach", "20", "--plane", "1", *words)
@@ -148,10 +148,10 @@ def test_views_through_narrow_parts_may_count_more(tmp_path):
     ("words", "says"),
     [
         (["--size", "100"], "power of two"),
-        (["--steps", "0"], "Steps"),
-        (["--plane", "2"], "share"),
+        (["--steps", "0"], "at least one step"),
+        (["--plane", "2"], "fraction of planes from 0 to 1"),
         (["--narrow", "-1"], "narrow"),
-        (["--out", "nowhere/maps.npy"], "make it first"),
+        (["--out", "nowhere/maps.npy"], "Create it first"),
     ],
 )
 def test_bad_designs(words, says, tmp_path, monkeypatch, capsys):
@@ -171,7 +171,7 @@ def test_states_of_other_designs_are_refused(tmp_path, capsys):
     for damaged in (b"nothing", whole[: len(whole) // 2]):
         (tmp_path / "maps.state.npz").write_bytes(damaged)
         assert program(tmp_path, "--steps", "2")[0] == 2
-        assert "remove it" in capsys.readouterr().err
+        assert "Remove it" in capsys.readouterr().err
 
 
 def test_a_state_that_cannot_be_kept_is_known_before_the_work(tmp_path, capsys):
@@ -190,4 +190,4 @@ def test_maps_to_begin_with(tmp_path, capsys):
     out.unlink()
     (tmp_path / "maps.state.npz").unlink()
     assert program(tmp_path, "--steps", "1", "--start", str(start))[0] == 2
-    assert "change --frames or --size" in capsys.readouterr().err
+    assert "Change --frames or --size" in capsys.readouterr().err

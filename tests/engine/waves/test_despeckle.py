@@ -1,4 +1,4 @@
-"""Gradient steps on a scene's own fields: the loss and its slopes, gain, cost in brightness, cancelling."""
+"""Gradient steps on a scene's own fields: the loss and its slopes, gain, cost in brightness, canceling."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ GREEN = 516.5e-9
 
 
 def test_slopes_against_finite_differences(library):
-    """In double precision, from the definition; two views, prefixes, pixels that do not count."""
+    """Compute it in double precision by its definition, with two views, prefixes, and pixels without weight."""
     rng = np.random.default_rng(0)
     n, frames, energy, stages = 32, 3, 900.0, {1: 0.3, 3: 2.0}
     f = np.fft.fftfreq(n)
@@ -29,24 +29,24 @@ def test_slopes_against_finite_differences(library):
         weight = rng.random((n, n), dtype=np.float32) / n**2
         weight[-5:] = 0
         transfer = (gain * band * np.exp(2j * math.pi * rng.random((n, n)))).astype(np.complex64)
-        views.append(supervision.TargetPicture(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
+        views.append(supervision.TargetImage(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
 
     def loss(spectra):
         value = 0.0
         for view in views:
-            seen = view.weight > 0
+            mask = view.weight > 0
             for m, stage in stages.items():
                 image = np.mean([np.abs(np.fft.ifft2(s * view.transfer)) ** 2 for s in spectra[:m]], axis=0)
-                bright = image[seen].sum() / view.target[seen].sum(dtype=float)
+                bright = image[mask].sum() / view.target[mask].sum(dtype=float)
                 whole = np.mean([np.sum(np.abs(s) ** 2) / s.size for s in spectra[:m]]) / energy
                 value += stage * (view.weight * (image / bright - view.target) ** 2).sum(dtype=float)
                 value += stage * supervision.BRIGHTNESS * (bright / whole - 1) ** 2
         return value
 
     made = [library.asarray(each) for each in spectra]
-    seen = [supervision.TargetPicture(*map(library.asarray, vars(view).values())) for view in views]
+    targets = [supervision.TargetImage(*map(library.asarray, vars(view).values())) for view in views]
     with supervision.Frames() as threads:
-        _, gradient = supervision.supervise(made, seen, energy, stages, threads)
+        _, gradient = supervision.supervise(made, targets, energy, stages, threads)
     gradient = np.asarray(gradient)
     exact = [s.astype(complex) for s in spectra]
     for _ in range(5):
@@ -100,7 +100,7 @@ def three(backend):
     [(8, "designed", 60, 0.8), (8, "random", 60, 1.0), (3, "designed", 200, 0.8)],
 )
 def test_gain_at_every_focus_and_brightness_as_before(three, frames, kind, steps, gain):
-    """On one recording plane; on several a surface in a plane has next to nothing to gain."""
+    """Compare on one recording plane; on several, a surface in a plane gains hardly anything."""
     before, bright = three(frames=frames, phase_field=kind, planes=1)
     after, ratios = three(frames=frames, phase_field=kind, despeckle=steps, planes=1)
     assert (after - before).mean() >= gain
@@ -113,7 +113,7 @@ def test_gain_at_every_focus_and_brightness_as_before(three, frames, kind, steps
     assert ratios == pytest.approx([1] * 4, abs=0.03)
 
 
-def test_colours_and_several_planes(backend, camera, build):
+def test_colors_and_several_planes(backend, camera, build):
     hologram = engine.Hologram(64, 48, 8e-6, depth_far=0.25e-3, depth_near=1.5e-3)
     settings = engine.Settings(frames=4, planes=3, max_depth=1, phase_field="designed")
     scene = build.three_planes()
@@ -133,7 +133,7 @@ def test_darkness_stays_dark():
     np.testing.assert_array_equal(despeckle(fields, pictures, 3, 0, lambda done: None), 0)
 
 
-def test_cancelling(backend, camera, build, small):
+def test_canceling(backend, camera, build, small):
     def progress(done, message):
         if message == "Despeckling":
             raise engine.Cancelled

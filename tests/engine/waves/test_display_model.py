@@ -39,7 +39,7 @@ def dot(side=48, distance=Z):
 
 
 def middle(image):
-    """Of the brightness, x and y, metres from the first pixel."""
+    """Center of the brightness, x and y, meters from the first pixel."""
     rows, columns = np.indices(image.shape) * PITCH
     return np.array([(image * at).sum() / image.sum() for at in (columns, rows)])
 
@@ -49,10 +49,10 @@ def test_unmodulated_light_on_a_flat_field(phase):
     """|sqrt(1 - |m|^2) exp(i phase) + m|^2."""
     stray = 0.2 - 0.1j
     flat = np.full((SIDE, SIDE), phase)
-    seen = picture(DisplayModel(GREEN, unmodulated=stray), flat, 1e-4)[12:-12, 12:-12].mean()
+    stray_light = picture(DisplayModel(GREEN, unmodulated=stray), flat, 1e-4)[12:-12, 12:-12].mean()
     plain = picture(DisplayModel(GREEN), flat, 1e-4)[12:-12, 12:-12].mean()
     light = math.sqrt(1 - abs(stray) ** 2) * np.exp(1j * phase) + stray
-    assert seen / plain == pytest.approx(abs(light) ** 2, rel=1e-3)
+    assert stray_light / plain == pytest.approx(abs(light) ** 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 0.6])
@@ -63,30 +63,30 @@ def test_crosstalk_on_a_weak_grating(sigma):
     spectrum = light.spectra(bars)[GREEN][0]
     f = np.fft.fftfreq(len(spectrum), 1 / GRID)
     direct = np.exp(-1j * TURN * np.outer(f, np.arange(64))) @ np.sin(bars[0])
-    wanted = direct * np.sinc(f) * np.exp(-2 * (math.pi * sigma * f) ** 2) * 64 * GRID**2
+    expected = direct * np.sinc(f) * np.exp(-2 * (math.pi * sigma * f) ** 2) * 64 * GRID**2
     near = (np.abs(f) > 0.1) & (np.abs(f) < 0.5)
     flat = DisplayLight(DisplayModel(GREEN, crosstalk=sigma), bars.shape, PITCH, 0.0).spectra(0 * bars)[
         GREEN
     ][0]
-    error = np.abs(spectrum - flat * math.cos(0.02) - 1j * wanted)
-    assert error[near].max() < (0.02 if sigma else 1e-5) * np.abs(wanted[near]).max()
+    error = np.abs(spectrum - flat * math.cos(0.02) - 1j * expected)
+    assert error[near].max() < (0.02 if sigma else 1e-5) * np.abs(expected[near]).max()
 
 
 def test_light_of_the_stop_comes_round_from_no_side(monkeypatch):
-    """As on a grid with room for all that it spreads."""
+    """Compare with a grid that is large enough for all of its light."""
     phases = np.random.default_rng(0).uniform(0, TURN, (64, 64))
 
     def field():
         light = DisplayLight(DisplayModel(GREEN, crosstalk=0.3), phases.shape, PITCH, 2e-3)
         return np.fft.ifft2(light.relayed(light.spectra(phases)[GREEN]))[: 64 * GRID, : 64 * GRID]
 
-    seen = field()
+    wave = field()
     monkeypatch.setattr("holopath_addon.engine.waves.display_model.GUARD", 300)
-    assert np.linalg.norm(seen - field()) < 0.004 * np.linalg.norm(seen)
+    assert np.linalg.norm(wave - field()) < 0.004 * np.linalg.norm(wave)
 
 
 def test_tilt_moves_a_dot():
-    """By the sine times the distance."""
+    """It is the sine times the distance."""
     tilt = (2.5e-3, -1.5e-3)
     still, moved = (picture(DisplayModel(GREEN, tilt=t), dot())[19:29, 19:29] for t in ((0, 0), tilt))
     assert middle(moved) - middle(still) == pytest.approx(np.array(tilt) * Z, abs=0.1 * PITCH)
@@ -96,18 +96,18 @@ def test_a_source_of_some_size_blurs_by_it():
     """Pictures are those of a point, blurred by size times distance (van Cittert and Zernike)."""
     size, rng = 0.8e-3, np.random.default_rng(1)
     phases = scipy.ndimage.gaussian_filter(rng.uniform(0, 20, (SIDE, SIDE)), 1.5)  # nothing meets the stop
-    sharp, seen = (picture(DisplayModel(GREEN, size=s), phases) for s in (0.0, size))
+    sharp, image = (picture(DisplayModel(GREEN, size=s), phases) for s in (0.0, size))
     f = np.fft.fftfreq(SIDE)
     blur = np.exp(-2 * (math.pi * size * Z / PITCH) ** 2 * (f[:, None] ** 2 + f[None, :] ** 2))
     blurred = np.fft.ifft2(np.fft.fft2(sharp) * blur).real
     inner = slice(6, -6)
-    error = np.std((seen - blurred)[inner, inner])
+    error = np.std((image - blurred)[inner, inner])
     assert error < 0.2 * np.std((sharp - blurred)[inner, inner])  # over seeds 0.11, deviation 0.025
 
 
 @pytest.mark.parametrize(("rule", "degree"), [("THIRD", 3), ("FIFTH", 5), ("SEVENTH", 7)])
 def test_points_have_the_moments_of_a_gaussian(rule, degree):
-    """Of each power of a coordinate: 1, 3, 15 times 1 for even ones, 0 for odd ones; and no more than they say."""
+    """Moments of even powers of a coordinate are 1, 1, 3, 15, and of odd ones 0, up to the degree of the rule only."""
     *places, weights = np.array(getattr(gaussian_points, rule)).T
     even = [1, 0, 1, 0, 3, 0, 15, 0, 105]
 
@@ -147,17 +147,17 @@ def test_gradient_of_the_light_with_respect_to_phases(library, shape):
     [({}, PITCH), ({"size": 3e-4, "bandwidth": 6e-9}, PITCH), ({}, (0.8 * PITCH, PITCH))],
 )
 def test_the_bench_agrees(source, pitch):
-    """Which has finer samples, frequencies, other points of the source and other places of the field."""
+    """The bench has finer samples and frequencies, and other points of the source and of the field."""
     model = DisplayModel(GREEN, **OFF, **source)
     phases = np.random.default_rng(2).uniform(0, TURN, (SIDE, SIDE))
     bench = slm.Bench(model, np.arange(256), slm.Sensor((8, 8)), phases.shape, pitch)
-    seen, other = picture(model, phases, pitch=pitch), bench.picture(phases, Z)
-    assert np.std(seen - other) < 0.006 * np.std(other)
+    image, other = picture(model, phases, pitch=pitch), bench.picture(phases, Z)
+    assert np.std(image - other) < 0.006 * np.std(other)
 
 
 @pytest.mark.parametrize("source", [{}, {"size": 3e-4, "bandwidth": 6e-9}], ids=["point", "wide"])
 def test_libraries_of_arrays_agree(other_library, source):
-    """On pictures, and on the field that descents compare, with its slope and the phases that it begins with."""
+    """Compare images, and the field of descents, with its slope and its starting phases."""
     model, rng = DisplayModel(GREEN, **OFF, **source), np.random.default_rng(4)
     phases = rng.uniform(0, TURN, (23, 32)).astype(np.float32)
     back = (rng.normal(size=(29, 38)) + 1j * rng.normal(size=(29, 38))).astype(np.complex64)
@@ -168,18 +168,18 @@ def test_libraries_of_arrays_agree(other_library, source):
             DisplayLight(model, phases.shape, PITCH, Z, gaussian_points.THIRD, on),
             ShownLight(model, phases.shape, PITCH, 3, on),
         )
-        seen, begun = light.picture(light.spectra(own), Z), shown.phases_for(on)
-        values = seen, begun, shown.light(own), shown.slope(own, on)
+        image, begun = light.picture(light.spectra(own), Z), shown.phases_for(on)
+        values = image, begun, shown.light(own), shown.slope(own, on)
         assert all(isinstance(each, type(own)) for each in values)
-        seen, begun, *rest = map(np.asarray, values)
-        found.append([seen, np.exp(1j * begun), *rest])
-    for wanted, values in zip(*found, strict=True):
-        assert np.linalg.norm(values - wanted) < 1e-5 * np.linalg.norm(wanted)
+        image, begun, *rest = map(np.asarray, values)
+        found.append([image, np.exp(1j * begun), *rest])
+    for expected, values in zip(*found, strict=True):
+        assert np.linalg.norm(values - expected) < 1e-5 * np.linalg.norm(expected)
 
 
 @pytest.mark.oracle
 def test_torchoptics_agrees():
-    """On the light behind an ideal display's stop, sent as far."""
+    """Compare the light behind an ideal display's stop, propagated to the same distance."""
     torch, torchoptics = pytest.importorskip("torch"), pytest.importorskip("torchoptics")
     phases = np.random.default_rng(3).uniform(0, TURN, (SIDE, SIDE))
     light = DisplayLight(DisplayModel(GREEN), phases.shape, PITCH, Z)

@@ -49,21 +49,23 @@ def test_direct_sums(library, curvature, reach, scale, shape, there):
 
     field = rng.normal(size=(2, *shape)) + 1j * rng.normal(size=(2, *shape))
     way = Collins(shape, pitch, GREEN, curvature, reach, there, wide)
-    wanted = matrix(shape[0], there[0], pitch[1]) @ field @ matrix(shape[1], there[1], pitch[0]).T
-    found = np.asarray(way.there(library.asarray(field)))
-    assert np.linalg.norm(found - wanted) < 1e-6 * np.linalg.norm(wanted)
+    expected = matrix(shape[0], there[0], pitch[1]) @ field @ matrix(shape[1], there[1], pitch[0]).T
+    found = np.asarray(way.propagate(library.asarray(field)))
+    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected)
     other = rng.normal(size=found.shape) + 1j * rng.normal(size=found.shape)
-    back = np.asarray(way.back(library.asarray(other)))
+    back = np.asarray(way.adjoint(library.asarray(other)))
     assert np.vdot(other, found) == pytest.approx(np.vdot(back, field), rel=1e-6)
-    single = np.asarray(way.there(library.asarray(field.astype(np.complex64))))
-    assert single.dtype == np.complex64 and np.linalg.norm(single - wanted) < 1e-5 * np.linalg.norm(wanted)
+    single = np.asarray(way.propagate(library.asarray(field.astype(np.complex64))))
+    assert single.dtype == np.complex64 and np.linalg.norm(single - expected) < 1e-5 * np.linalg.norm(
+        expected
+    )
 
 
 def test_pixels_of_a_fourier_transform_keep_all_light():
     way = Collins((24, 24), PITCH, GREEN, 0.0, 0.1, (24, 24), GREEN * 0.1 / (24 * PITCH))
     field = np.random.default_rng(0).normal(size=(24, 24)).astype(np.complex64)
     assert way.kind == "Fourier"
-    np.testing.assert_allclose(way.back(way.there(field)), field, atol=1e-6)
+    np.testing.assert_allclose(way.adjoint(way.propagate(field)), field, atol=1e-6)
     assert Collins((24, 24), PITCH, GREEN, 0.0, 0.1, (24, 24), 40e-6).kind == "chirp-z"
 
 
@@ -94,7 +96,7 @@ def collins(wave, lens, there_pitch=PITCH):
     way = Collins(wave.shape, PITCH, GREEN, lens.curvature, lens.reach, wave.shape, there_pitch)
     x, y = places(n, there_pitch)[None, :], places(n, there_pitch)[:, None]
     bend = (1 - lens.distance / lens.focal) / (GREEN * lens.reach)
-    return way.there(wave.astype(np.complex64)) * np.exp(1j * math.pi * bend * (x**2 + y**2))
+    return way.propagate(wave.astype(np.complex64)) * np.exp(1j * math.pi * bend * (x**2 + y**2))
 
 
 @pytest.mark.parametrize(("focal", "before", "behind"), LAYOUTS)
@@ -115,18 +117,18 @@ def test_goodmans_fourier_lens():
     curvature = np.exp(1j * math.pi / (GREEN * focal) * (1 - d / focal) * (u**2 + v**2))
 
     def transform(w, a, f_0):
-        """Of exp(-(x - a)^2 / waist^2 + 2 pi i f_0 x) at the frequency w / (lambda f); its constant phase aside."""
+        """Transform of exp(-(x - a)^2 / waist^2 + 2 pi i f_0 x) at w / (lambda f), without a constant phase."""
         f = w / (GREEN * focal) - f_0
         return np.exp(-((math.pi * waist * f) ** 2) - 2j * math.pi * f * a)
 
-    wanted = curvature * transform(u, x_0, turns / PITCH) * transform(v, y_0, -turns / 2 / PITCH)
-    wanted *= math.pi * waist**2 / (GREEN * focal)
+    expected = curvature * transform(u, x_0, turns / PITCH) * transform(v, y_0, -turns / 2 / PITCH)
+    expected *= math.pi * waist**2 / (GREEN * focal)
     found = collins(spot(), lens, pitch) * (PITCH / pitch)  # fields are scaled by pixels
-    assert distance_of(found, wanted) < 1e-3
+    assert distance_of(found, expected) < 1e-3
 
 
 def test_the_waist_of_a_gaussian_beam():
-    """Through a lens: Saleh and Teich, Fundamentals of Photonics, eqs. 3.2-5 to 3.2-9."""
+    """Gaussian beam through a lens: Saleh and Teich, Fundamentals of Photonics, eqs. 3.2-5 to 3.2-9."""
     waist, focal, before, n = 0.1e-3, 50e-3, 20e-3, 128
     rayleigh = math.pi * waist**2 / GREEN
     magnification = abs(focal / (before - focal)) / math.sqrt(1 + (rayleigh / (before - focal)) ** 2)
@@ -143,15 +145,17 @@ def test_the_waist_of_a_gaussian_beam():
 
 
 def test_fresnels_far_field():
-    """Of a slit: Goodman, eq. 4-27, sinc; and the angular spectrum where both are sampled well."""
+    """Compare a slit with Goodman, eq. 4-27, sinc, and the angular spectrum where both are sampled well."""
     n, z = 64, 40.0
     pitch = GREEN * z / (4 * n * PITCH)
-    light = np.abs(Collins((n, n), PITCH, GREEN, 1.0, z, (n, n), pitch).there(np.ones((n, n), np.complex64)))
+    light = np.abs(
+        Collins((n, n), PITCH, GREEN, 1.0, z, (n, n), pitch).propagate(np.ones((n, n), np.complex64))
+    )
     x = places(n, pitch)
-    wanted = np.abs(np.sinc(n * PITCH * x / (GREEN * z)))
-    np.testing.assert_allclose(light[n // 2] / light.max(), wanted / wanted.max(), atol=1e-3)
+    expected = np.abs(np.sinc(n * PITCH * x / (GREEN * z)))
+    np.testing.assert_allclose(light[n // 2] / light.max(), expected / expected.max(), atol=1e-3)
     wave, z = spot(turns=0.02), 30e-3
-    found = Collins(wave.shape, PITCH, GREEN, 1.0, z, wave.shape, PITCH).there(wave)
+    found = Collins(wave.shape, PITCH, GREEN, 1.0, z, wave.shape, PITCH).propagate(wave)
     x, y = places(96, PITCH)[None, :], places(96, PITCH)[:, None]
     found = found * np.exp(1j * math.pi * (x**2 + y**2) / (GREEN * z))
     wide = propagate(np.pad(wave, 64).astype(np.complex64), z, PITCH, GREEN)[64:-64, 64:-64]
@@ -168,8 +172,8 @@ def test_torchoptics_agrees(focal, before, behind):
     lens = torchoptics.elements.Lens((320, 320), focal, z=before, spacing=PITCH).double()
     there = lens(source.propagate_to_z(before, propagation_method="ASM", asm_pad=(320, 320)))
     there = there.propagate_to_z(before + behind, propagation_method="ASM", asm_pad=(320, 320))
-    wanted = there.data.numpy()[112:-112, 112:-112]
-    assert distance_of(collins(wave, engine.Lens(focal, before, behind)), wanted) < 1e-3
+    expected = there.data.numpy()[112:-112, 112:-112]
+    assert distance_of(collins(wave, engine.Lens(focal, before, behind)), expected) < 1e-3
 
 
 def test_the_way_of_a_hologram():
@@ -178,8 +182,8 @@ def test_the_way_of_a_hologram():
     assert (image.width, image.height) == (32, 32)
     assert image.pitch == pytest.approx(GREEN * 0.1 / (32 * PITCH))
     way = behind_lens(hologram, GREEN)
-    assert way.there(np.ones((32, 48), np.complex64)).shape == (32, 32)
-    assert way.back(np.ones((32, 32), np.complex64)).shape == (32, 48)
+    assert way.propagate(np.ones((32, 48), np.complex64)).shape == (32, 32)
+    assert way.adjoint(np.ones((32, 32), np.complex64)).shape == (32, 48)
     # each color has pixels of its own, of which those beside the picture see what the others have not
     assert (way.kind, behind_lens(hologram, 640e-9).kind) == ("Fourier", "Fourier")
     assert image.pitch_at(640e-9) == pytest.approx(640e-9 * 0.1 / (32 * PITCH))
@@ -192,7 +196,7 @@ def test_the_way_of_a_hologram():
 
 @pytest.mark.parametrize("shape", [(96, 96), (64, 80)])
 def test_even_waves_that_come_from_all_of_the_aperture(shape):
-    """By rays: a place's frequency is the phase's slope there, and a square becomes a disc; and by a transform."""
+    """Compare by rays: the local frequency is the phase's slope, and a square becomes a disk; and by a transform."""
     waves = spread_waves(2, shape)
     np.testing.assert_allclose(np.abs(waves), 1, atol=1e-6)
     np.testing.assert_allclose(waves[1], waves[0].conj(), atol=1e-6)

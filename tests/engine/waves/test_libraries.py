@@ -1,4 +1,4 @@
-"""Which library computes waves: what is installed, what is named, what a card's memory holds, and Dr.Jit's numbers."""
+"""Choice of the library that computes waves, memory of a graphics card, and Dr.Jit's numbers."""
 
 import dataclasses
 
@@ -30,28 +30,28 @@ def card(monkeypatch):
 def test_a_card_without_a_library(card):
     """One sentence with what to do; the processor computes."""
     card()
-    name, advice = libraries.chosen()
-    assert name == "numpy" and advice == libraries.described()
+    name, advice = libraries.choose()
+    assert name == "numpy" and advice == libraries.describe()
     assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
-    assert planner._library({}).warnings == (advice,)
+    assert planner.decide_library({}).warnings == (advice,)
 
 
 def test_the_library_that_is_installed_computes(card):
     card("torch")
-    assert libraries.chosen() == ("torch", "") and "by PyTorch" in libraries.described()
+    assert libraries.choose() == ("torch", "") and "by PyTorch" in libraries.describe()
     card("cupy", "torch", problem="CuPy cannot compute there (CUDA driver version is insufficient)")
-    name, advice = libraries.chosen()
+    name, advice = libraries.choose()
     assert name == "numpy" and "driver version is insufficient" in advice and advice.count(".") == 1
     assert "a newer NVIDIA driver" in advice and "pip" not in advice
-    assert planner._library({}).warnings == (advice,)
+    assert planner.decide_library({}).warnings == (advice,)
 
 
 def test_without_a_card_the_processor_computes(monkeypatch):
     monkeypatch.delenv(libraries.VARIABLE, raising=False)
     monkeypatch.setattr(variants, "on_card", lambda: False)
-    assert libraries.chosen() == ("numpy", "")
-    assert libraries.beginning("numpy") is libraries.PROCESSOR
-    assert planner._library({}) == planner.Decided("numpy")
+    assert libraries.choose() == ("numpy", "")
+    assert libraries.empty_array("numpy") is libraries.PROCESSOR
+    assert planner.decide_library({}) == planner.Decided("numpy")
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_what_is_named_and_cannot_be(monkeypatch, named, says):
     monkeypatch.setenv(libraries.VARIABLE, named)
     monkeypatch.setattr(libraries, "_problem", lambda name, device: "CuPy is not installed")
     with pytest.raises(engine.InvalidInput, match=says) as refused:
-        libraries.chosen()
+        libraries.choose()
     assert str(refused.value).count(".") == 1
 
 
@@ -69,7 +69,7 @@ def test_a_card_that_is_too_small(card, monkeypatch):
     """Is left alone, and the plan says so."""
     card("torch")
     needs = {"wave tracing": 2e9, "propagation": 1e9, "reconstruction": 0.5e9, "sgd": 3e9, "joint": 0.9e9}
-    library = planner._library(needs, ["sgd", "joint"], 1 << 30)
+    library = planner.decide_library(needs, ["sgd", "joint"], 1 << 30)
     assert library.value == "numpy" and not library.warnings
     waves, memory = map(str, library.decisions)
     assert "PyTorch would need 2 GB of the card's memory, of which 1.07 GB are free" in waves
@@ -78,17 +78,17 @@ def test_a_card_that_is_too_small(card, monkeypatch):
         in memory
     )
     assert "(left to the processor: sgd; in smaller batches, which fit: joint)" in memory
-    library = planner._library(needs | {"wave tracing": 1e9}, [], 1 << 30)
+    library = planner.decide_library(needs | {"wave tracing": 1e9}, [], 1 << 30)
     assert library.value == "torch" and "PyTorch" in str(library.decisions[0])
-    assert str(planner._library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    assert str(planner.decide_library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: (8 << 30, 1 << 30))
     data = np.ones(3)
     assert libraries.by_card(lambda given: given is data, data, 2e9) == (True, "")
 
 
 class OutOfMemoryError(RuntimeError):
-    """As those of CuPy and PyTorch are called."""
+    """Error with the name of those of CuPy and PyTorch."""
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_errors_of_a_card_s_memory(error, ran_out):
 def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
     """The processor goes on, and a sentence says so; other errors are as they are."""
     card("torch")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: None)
     monkeypatch.setattr(libraries, "like", lambda data, array: None)
     errors = [OutOfMemoryError(), ValueError()]
@@ -136,13 +136,13 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
 
 
 def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeypatch):
-    """In the plan of a render, beside what the field's says; its pictures are there."""
+    """The plan of the render says so, besides the field's warnings; its images are there."""
     scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
     plan = engine.plan(scene, camera, small, settings)
     field = engine.render(scene, camera, small, settings, plan)
     refocused = engine.reconstruct
     card("torch")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: None)
     monkeypatch.setattr(libraries, "like", lambda data, array: None)
 
@@ -169,9 +169,9 @@ def test_numbers_go_between_dr_jit_and_torch_without_a_copy(backend):
     on = torch.empty(0, dtype=torch.complex64)
     values = mi.Float(np.arange(10, dtype=np.float32))
     waves = libraries.from_drjit(values, on)
-    wanted = np.arange(0, 10, 2) + 1j * np.arange(1, 10, 2)
-    np.testing.assert_array_equal(np.asarray(waves), wanted)
-    np.testing.assert_array_equal(libraries.from_drjit(values, libraries.PROCESSOR), wanted)
+    expected = np.arange(0, 10, 2) + 1j * np.arange(1, 10, 2)
+    np.testing.assert_array_equal(np.asarray(waves), expected)
+    np.testing.assert_array_equal(libraries.from_drjit(values, libraries.PROCESSOR), expected)
     if variants.activate() == variants.LLVM:
         assert waves.data_ptr() == np.asarray(values).ctypes.data
     ones = torch.ones(8)
@@ -191,7 +191,7 @@ def test_a_torch_for_processors_is_no_card_s():
 @pytest.mark.oracle
 @pytest.mark.parametrize("despeckle", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch, despeckle):
-    """From rays to phases, where PyTorch computes waves on the processor; several planes, and speckle taken out."""
+    """Compare rays to phases with PyTorch on the processor; several planes, and despeckling."""
     pytest.importorskip("torch")
     scene, settings = (
         build.three_planes(),
@@ -205,12 +205,12 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
         phase = pipeline.encode(field, Encoding("sgd"), lambda done, message: None, max_steps=2)
-        seen, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        image, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
         assert not notes
-        found.append((field.data, seen, np.exp(1j * phase.data)))
-    for wanted, values in zip(*found, strict=True):
+        found.append((field.data, image, np.exp(1j * phase.data)))
+    for expected, values in zip(*found, strict=True):
         assert isinstance(values, np.ndarray)
-        assert np.linalg.norm(values - wanted) < 1e-4 * np.linalg.norm(wanted)
+        assert np.linalg.norm(values - expected) < 1e-4 * np.linalg.norm(expected)
 
 
 def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkeypatch):
@@ -219,21 +219,21 @@ def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkey
 
     scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
     plan = engine.plan(scene, camera, small, settings)
-    wanted = engine.render(scene, camera, small, settings, plan)
+    expected = engine.render(scene, camera, small, settings, plan)
 
-    def beginning(name):
+    def empty_array(name):
         if name == "torch":
             raise OutOfMemoryError
         return libraries.PROCESSOR
 
-    monkeypatch.setattr(fields.libraries, "beginning", beginning)
+    monkeypatch.setattr(fields.libraries, "empty_array", empty_array)
     field = engine.render(scene, camera, small, settings, engine.Plan(**vars(plan) | {"library": "torch"}))
-    np.testing.assert_array_equal(field.data, wanted.data)
+    np.testing.assert_array_equal(field.data, expected.data)
     assert field.plan["library"] == "numpy" and libraries.RAN_OUT in field.plan["warnings"]
 
 
 def test_phases_are_found_where_the_plan_says(build, camera, small, as_on_a_card, monkeypatch):
-    """What the plan says that they take decides; a plan that was made without a card leaves it to the field's size."""
+    """The plan's memory decides; without one, as of a plan without a card, the field's size does."""
     scene, settings = build.two_planes(build.emissive), engine.Settings(frames=1, quality="draft", planes=1)
     needed = []
 

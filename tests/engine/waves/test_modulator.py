@@ -1,4 +1,4 @@
-"""What a display makes of phases, against light computed point by point."""
+"""Light of a display with limits, compared with light computed point by point."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.waves.modulator import Modulator, grey_levels
+from holopath_addon.engine.waves.modulator import Modulator, gray_levels
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def test_an_ideal_display_changes_nothing(phases):
 def test_levels(library, phases, bits):
     shown = np.asarray(Modulator(bits).shown(library.asarray(phases)))
     turn = shown / (2 * math.pi) * 2**bits
-    np.testing.assert_allclose(turn, grey_levels(phases, bits), atol=1e-3)
+    np.testing.assert_allclose(turn, gray_levels(phases, bits), atol=1e-3)
     error = np.angle(np.exp(1j * (shown - phases)))
     assert np.abs(error).max() <= math.pi / 2**bits + 1e-5
 
@@ -73,7 +73,7 @@ def test_crosstalk(library):
 
 
 def test_libraries_of_arrays_agree(other_library, phases):
-    """On all that a modulator does to light, of phases of any turn."""
+    """Compare all effects of a modulator, for phases of any turn."""
     modulator = Modulator(bits=3, fill_factor=0.8, unmodulated=0.1, crosstalk=0.7)
     phases = 4 * phases - 9
     found = modulator.light(other_library.asarray(phases))
@@ -96,10 +96,10 @@ def test_impossible_limits(limits, says):
         Modulator(**limits)
 
 
-def test_grey_levels(field):
+def test_gray_levels(field):
     phase = engine.encode(field, "dpac")
     for bits in (1, 8, 10):
-        levels = grey_levels(phase.data, bits)
+        levels = gray_levels(phase.data, bits)
         assert levels.min() >= 0 and levels.max() < 2**bits
         turns = np.abs(levels / 2**bits - phase.data / (2 * math.pi))
         assert np.minimum(turns, 1 - turns).max() <= 0.5 / 2**bits + 1e-6

@@ -15,7 +15,7 @@ TURN = 2 * math.pi
     "levels", [np.arange(16) * (TURN / 16), np.array([0.3, 0.5, 4.0]), np.array([6.1, 6.2])]
 )
 def test_the_nearest_on_the_circle(library, levels):
-    """Against the smallest chord of all; the gap is the arc that the phase lies in."""
+    """Compare with the smallest of all chords; the gap is the arc around the phase."""
     phases = np.random.default_rng(0).uniform(-20, 20, 500)
     found, gaps = map(np.asarray, Levels(levels[::-1] - TURN).nearest(library.asarray(phases)))
     chords = np.abs(np.exp(1j * phases[:, None]) - np.exp(1j * levels))
@@ -32,8 +32,8 @@ def test_the_nearest_that_a_corrected_pixel_shows(library):
     levels = np.array([0.3, 0.5, 4.0])
     found = np.asarray(Levels(levels, correction).nearest(library.asarray(phases))[0])
     chords = np.abs(np.exp(1j * phases[..., None]) - np.exp(1j * (levels - correction[..., None])))
-    wanted = levels[chords.argmin(axis=-1)] - correction
-    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * wanted), atol=1e-5)
+    expected = levels[chords.argmin(axis=-1)] - correction
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-5)
     assert found.dtype == np.float32 and (np.abs(found - phases) <= np.pi + 1e-5).all()
     flat, _ = Levels(levels, correction).nearest(phases.ravel())
     assert np.array_equal(flat, found.ravel())
@@ -74,7 +74,11 @@ def test_the_nearest_where_the_response_varies(library, turns, count):
 
 @pytest.mark.parametrize(
     ("variation", "says"),
-    [(np.ones(3), "no map"), (np.full((2, 2), 3.0), "0.5 to 2"), (np.full((2, 2), np.nan), "0.5 to 2")],
+    [
+        (np.ones(3), "Expected a map"),
+        (np.full((2, 2), 3.0), "0.5 to 2"),
+        (np.full((2, 2), np.nan), "0.5 to 2"),
+    ],
 )
 def test_variations_that_cannot_be(variation, says):
     with pytest.raises(InvalidInput, match=says):

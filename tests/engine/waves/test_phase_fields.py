@@ -42,7 +42,7 @@ def test_fewer_frames_are_a_prefix_and_seeds_differ():
 
 
 @pytest.mark.parametrize("phasors", [random_phasors(4, 256, 256), *(designed_phasors(m) for m in SETS)])
-def test_most_energy_lies_in_the_recordable_band(phasors):
+def test_energy_in_the_recordable_band(phasors):
     """The argument of a circular Gaussian field keeps pi/4 of the energy in the field's own component."""
     assert math.pi / 4 - 0.03 < recordable_fraction(phasors) < 1
 
@@ -107,7 +107,7 @@ def test_the_first_frames_alone_are_better_than_random_ones(frames):
 
 @pytest.mark.parametrize("randomness", [0.0, 0.3, 0.5, 1.0])
 def test_smooth_fields_send_a_share_of_light_straight_on_and_the_rest_everywhere(randomness):
-    """Of an even surface, sinc(r)^2 of it; the rest is as much in the middle of the pupil as at its rim."""
+    """The fraction sinc(r)^2 of an even surface's light; the rest is even from the pupil's center to its edge."""
     phasors = phasors_of("smooth", 4, 128, 128, 0, randomness)
     power = np.mean([np.abs(np.fft.fft2(p) / p.size) ** 2 for p in phasors], axis=0)
     share = (math.sin(math.pi * randomness) / (math.pi * randomness)) ** 2 if randomness else 1.0
@@ -139,7 +139,7 @@ def test_smooth_fields_end_in_random_ones():
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 7])
 def test_each_frame_is_aimed_at_a_place_of_its_own(frames):
-    """By its spectrum: all on one ring, evenly; its radius that of the pupil, of pixels twice as high as wide."""
+    """Their spectra are evenly spread on a ring, in terms of the pupil of pixels twice as high as wide."""
     waves = aimed_waves(frames, (60, 60), (1.0, 0.5), (0.2, 0.0))
     spectra = np.abs(np.fft.fft2(waves, (1200, 1200)))
     peaks = [np.unravel_index(np.argmax(each), each.shape) for each in spectra]

@@ -48,8 +48,8 @@ def test_gaussian_beam(library, waist, distance):
     field = library.asarray(beam(waist, 0).astype(np.complex64))
     there = propagation.propagate(field, distance, PITCH, WAVELENGTH)
     assert type(there) is type(field) and there.dtype == field.dtype
-    wanted = beam(waist, distance)
-    assert np.linalg.norm(np.asarray(there) - wanted) < 1e-4 * np.linalg.norm(wanted)
+    expected = beam(waist, distance)
+    assert np.linalg.norm(np.asarray(there) - expected) < 1e-4 * np.linalg.norm(expected)
 
 
 def test_libraries_of_arrays_agree(other_library):
@@ -60,13 +60,13 @@ def test_libraries_of_arrays_agree(other_library):
         for band in ("circular", "full"):
             way = np.float64(2e-3), pitch, WAVELENGTH, band
             found = propagation.propagate(other_library.asarray(data), *way)
-            wanted = propagation.propagate(data, *way)
-            np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
+            expected = propagation.propagate(data, *way)
+            np.testing.assert_allclose(np.asarray(found), expected, atol=2e-6 * np.abs(expected).max())
     for step in (0.8, 0.777):  # by FFTs, and by chirps
         lines = [EvenSteps(1.3, step, 30)] * 2
         found = propagation.sampled(other_library.asarray(field[0, 0]), lines)
-        wanted = propagation.sampled(field[0, 0], lines)
-        np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
+        expected = propagation.sampled(field[0, 0], lines)
+        np.testing.assert_allclose(np.asarray(found), expected, atol=2e-6 * np.abs(expected).max())
 
 
 def test_light_of_phases_does_not_come_round():
@@ -75,10 +75,10 @@ def test_light_of_phases_does_not_come_round():
     distance, wide = 1e-3, (1024, 1024)
     kernel = propagation.transfer_function(wide, PITCH, WAVELENGTH, distance)
     kernel = kernel * propagation.carrier(WAVELENGTH, distance)
-    wanted = np.fft.ifft2(np.fft.fft2(light, wide) * kernel)[:64, :64]
-    error = propagation.propagate(light, distance, PITCH, WAVELENGTH) - wanted
+    expected = np.fft.ifft2(np.fft.fft2(light, wide) * kernel)[:64, :64]
+    error = propagation.propagate(light, distance, PITCH, WAVELENGTH) - expected
     assert (
-        np.linalg.norm(error) ** 2 < 2e-4 * np.linalg.norm(wanted) ** 2
+        np.linalg.norm(error) ** 2 < 2e-4 * np.linalg.norm(expected) ** 2
     )  # 4e-3 on a grid without a guard band
 
 
@@ -149,14 +149,14 @@ def test_the_record_is_torchoptics_own(distance):
 
 @pytest.mark.oracle
 def test_torch_finds_gradients():
-    """Of the energy that a window sees, with respect to the field: twice what goes back from there."""
+    """Gradient of the energy in a window with respect to the field: twice its light propagated back."""
     torch = pytest.importorskip("torch")
     field = torch.asarray(random_field(64)).requires_grad_()
-    seen = torch.zeros((64, 64))
-    seen[20:40, 10:30] = 1
+    window = torch.zeros((64, 64))
+    window[20:40, 10:30] = 1
     there = propagation.propagate(field, 2e-3, PITCH, WAVELENGTH)
-    (there.abs() ** 2 * seen).sum().backward()
-    back = propagation.propagate((there * seen).detach(), -2e-3, PITCH, WAVELENGTH)
+    (there.abs() ** 2 * window).sum().backward()
+    back = propagation.propagate((there * window).detach(), -2e-3, PITCH, WAVELENGTH)
     assert torch.linalg.norm(field.grad - 2 * back) < 1e-5 * torch.linalg.norm(back)
 
 
@@ -208,7 +208,7 @@ def test_no_light_wraps_around():
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_fields_that_are_moved_at_once(monkeypatch, count):
-    """As one by one, in order, where what has come is written over what is still to be moved."""
+    """They equal fields propagated one by one, in order, if results overwrite fields that have been yielded."""
     monkeypatch.setattr(propagation, "threads", lambda: count)
     rng = np.random.default_rng(0)
     fields = (rng.normal(size=(8, 40, 50)) + 1j * rng.normal(size=(8, 40, 50))).astype(np.complex64)
@@ -217,8 +217,8 @@ def test_fields_that_are_moved_at_once(monkeypatch, count):
     assert np.array_equal(propagation.propagate(fields, distance, pitch, wavelength), alone)
     shape = propagation.padded_shape(fields.shape[1:], pitch, wavelength, distance)
     transfer = propagation.transfer_function(shape, pitch, wavelength, distance)
-    expected = np.stack(list(propagation.moved(fields.copy(), transfer)))
-    for field, wave in zip(fields, propagation.moved(fields, transfer), strict=True):
+    expected = np.stack(list(propagation.propagate_stack(fields.copy(), transfer)))
+    for field, wave in zip(fields, propagation.propagate_stack(fields, transfer), strict=True):
         field[:] = wave
     assert np.array_equal(fields, expected)
 
@@ -226,7 +226,7 @@ def test_fields_that_are_moved_at_once(monkeypatch, count):
 def test_moving_that_is_given_up_leaves_no_thread(monkeypatch):
     monkeypatch.setattr(propagation, "threads", lambda: 3)
     before = threading.active_count()
-    moving = propagation.moved(np.ones((8, 16, 16), np.complex64), np.ones((16, 16), np.complex64))
+    moving = propagation.propagate_stack(np.ones((8, 16, 16), np.complex64), np.ones((16, 16), np.complex64))
     next(moving)
     assert threading.active_count() > before
     moving.close()
@@ -237,4 +237,4 @@ def test_moving_that_is_given_up_leaves_no_thread(monkeypatch):
 def test_no_more_fields_are_moved_than_memory_is_for(monkeypatch, memory, fields):
     monkeypatch.setattr(propagation, "installed", lambda: memory)
     monkeypatch.setattr(propagation, "threads", lambda: 8)
-    assert propagation.moving_bytes(250 << 20, 100) == fields * (250 << 20)
+    assert propagation.stack_bytes(250 << 20, 100) == fields * (250 << 20)

@@ -1,4 +1,4 @@
-"""The phase that scattering gives each frame: at random (paper section 4.3), designed for less speckle, or smooth.
+"""Phases of scattered light in each frame: random (paper section 4.3), designed for less speckle, or smooth.
 
 Maps are periodic; a hologram of any size repeats them.
 """
@@ -19,38 +19,49 @@ from ..propagation import circular_band
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-MOST_FRAMES = 256  # of a hologram
-SETS = (1, 3, 8, 24)  # frames of the designed sets, made by `design`
-FEWEST = (1, 2, 5, 20)  # first frames of each that are better than as many of smaller sets
-REACH = (
-    60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
+MAX_FRAMES = 256  # of a hologram
+SETS = (1, 3, 8, 24)  # numbers of frames of the designed sets, made by `design`
+MIN_PREFIXES = (
+    1,
+    2,
+    5,
+    20,
+)  # numbers of first frames of each set that are better than as many of smaller sets
+REACH = 60.0  # largest defocus wavelength z / pitch^2 of the designed sets; beyond, they are no better than random ones
+GAIN = (
+    0.57,
+    0.5,
+    0.36,
+    0.27,
+)  # squared error of the sets in textured images, over that of independent frames
+FEW_FRAMES = (
+    6  # number of frames from which fields show more with designed maps than with all surfaces in phase
 )
-GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
-FEW_FRAMES = 6  # from which on fields show more with designed maps than with all surfaces in phase
-# From which on phases show more where they begin with those of a designed field. With six and seven aimed waves end
-# within 0.2 dB of it, and the whole pupil loses nowhere more than 1 dB from one frame more.
+# Number of frames from which phases show more if their descent starts with a designed field. With six and seven frames
+# aimed waves end within 0.2 dB of it, and the whole pupil never loses more than 1 dB by one frame more.
 DESIGNED_STARTS = 8
-FITTING = (0.0, 0.1)  # randomness that phases begin with: of one frame, and of more, which must differ
-# Frames from which on light is aimed at places of its own; between two, halves of the pupil would be dark. And how far
-# from its middle, of the pupil's radius: 0.2 to 0.35 are as good with three frames, with more a narrower ring.
-FEWEST_AIMED, RING = 3, 0.25
-# Weight of parts of the pupil from which on a descent had best begin with random phases. With three frames of
-# demo:suzanne and less than that, smooth ones show more of the whole pupil and less of its parts.
+BEST_RANDOMNESS = (0.0, 0.1)  # of the start with one frame, and with more, which must differ
+# Number of frames from which waves are aimed at different points of the pupil; with two, halves of the pupil would be
+# dark. And the points' distance from its center in terms of its radius: 0.2 to 0.35 are equally good with three frames,
+# a narrower ring is better with more.
+MIN_AIMED_FRAMES, RING = 3, 0.25
+# Weight of parts of the pupil from which random phases are the best start of a descent. With three frames of
+# demo:suzanne and a smaller weight, smooth ones show more of the whole pupil and less of its parts.
 RANDOM_EYEBOX = 0.3
 
 
 def phasors_of(
     kind: str, frames: int, height: int, width: int, seed: int = 0, randomness: float | None = None
 ) -> np.ndarray:
-    """exp(i phi_m) of the frames of a hologram.
+    """Phasors exp(i phi_m), one for each frame of a hologram.
 
     Parameters
     ----------
     kind : {'designed', 'random', 'smooth'}
     frames, height, width, seed : int
-        The hologram's.
+        Number of frames, rows and columns of the hologram, and seed.
     randomness : float, optional
-        Of smooth fields, 0 to 1.
+        Randomness of smooth fields, 0 to 1.
 
     Returns
     -------
@@ -63,31 +74,32 @@ def phasors_of(
 
 
 def randomness_for(frames: int, eyebox: float = 0.0) -> float | None:
-    """Randomness of the phases that a descent of so many frames had best begin with; the optimum is flat.
+    """Best randomness of the start of a descent; the optimum is flat.
 
-    The more parts of the pupil count, the more random: phases must send light there.
+    It rises with the weight of parts of the pupil, as phases must send light there.
 
     Parameters
     ----------
     frames : int
+        Number of frames.
     eyebox : float
         Weight of parts of the pupil, see `encode`.
 
     Returns
     -------
     float or None
-        From 0 to 1; None from `DESIGNED_STARTS` on, where it had best begin with a field of designed phases.
+        Randomness from 0 to 1; None from `DESIGNED_STARTS` frames, where a field of designed phases is the best start.
     """
     if frames >= DESIGNED_STARTS:
         return None
-    least = FITTING[min(frames, len(FITTING)) - 1]
-    return least if frames >= FEW_FRAMES else least + (1 - least) * min(1.0, eyebox / RANDOM_EYEBOX)
+    best = BEST_RANDOMNESS[min(frames, len(BEST_RANDOMNESS)) - 1]
+    return best if frames >= FEW_FRAMES else best + (1 - best) * min(1.0, eyebox / RANDOM_EYEBOX)
 
 
 def straight_share(randomness: float) -> float:
-    """Share of an even surface's light that smooth phase fields send straight on, as if all were in phase.
+    """Fraction of an even surface's light that smooth phase fields do not scatter, as if it were in phase.
 
-    The squared mean of exp(i r phi) over the phases phi, which are uniform: sinc(r)^2. The rest goes everywhere.
+    It is the squared mean of exp(i r phi) over the uniform phases phi, sinc(r)^2. The rest goes in all directions.
 
     Parameters
     ----------
@@ -103,49 +115,51 @@ def straight_share(randomness: float) -> float:
 
 
 def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
-    """exp(i phi_m) of maps whose frame mean looks incoherent at any focus, see `design`.
+    """Phasors exp(i phi_m) of maps whose frame mean looks incoherent at any focus, see `design`.
 
-    Sets follow each other, the largest first, each but the first moved aside, which makes their speckle independent.
-    The first frames of a set stand for it where few are missing; of a set of which many are missing they are worse than
-    smaller sets, and with eight frames and one more pictures would have 2 dB less than with eight.
+    They are those of several sets, the largest first; each but the first is shifted, which makes its speckle
+    independent. A set is replaced by its first frames if few are missing. If many are missing, smaller sets are better:
+    otherwise images of nine frames would have 2 dB less than those of eight.
 
     Parameters
     ----------
     frames : int
+        Number of frames.
     seed : int
-        Moves the maps as a whole; 0 does not.
+        Seed of the shift of all maps; 0 for none.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frames, size, size), of unit modulus, periodic
     """
     turn = np.exp((2j * math.pi / 256) * np.arange(256)).astype(np.complex64)
-    parts, left = [], frames
-    while left:
-        count = max(m for m, fewest in zip(SETS, FEWEST, strict=True) if fewest <= left)
-        maps = turn[np.load(Path(__file__).with_name(f"designed_{count}.npy"))[:left]]
+    parts, remaining = [], frames
+    while remaining:
+        count = max(m for m, prefix in zip(SETS, MIN_PREFIXES, strict=True) if prefix <= remaining)
+        maps = turn[np.load(Path(__file__).with_name(f"designed_{count}.npy"))[:remaining]]
         rng = np.random.default_rng((seed, len(parts)))
         shift = rng.integers(0, maps.shape[-1], 2) if seed or parts else (0, 0)
         parts.append(np.roll(maps, shift, (1, 2)))
-        left -= len(maps)
+        remaining -= len(maps)
     return np.concatenate(parts)
 
 
 def random_phasors(
     frames: int, height: int, width: int, seed: int = 0, randomness: float = 1.0
 ) -> np.ndarray:
-    """exp(i r phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
+    """Phasors exp(i r phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
 
-    They are IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), xi_m uniform; phi_m is their argument. The band in units of
-    the pixel grid is the same for all wavelengths.
+    The fields are IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), with uniform xi_m; phi_m is their argument. The band in
+    units of the pixel grid is the same for all wavelengths.
 
     Parameters
     ----------
     frames, height, width : int
+        Number of frames, rows and columns.
     seed : int
-        Frame m depends on the seed and m alone, so fewer frames are a prefix of more.
+        Seed; frame m depends on it and m alone, so fewer frames are a prefix of more.
     randomness : float
-        r: 1 for random phases, 0 for none, smooth ones between (Yoo et al., Opt. Lett. 46, 4769, 2021).
+        r: 1 for random phases, 0 for none, in between for smooth ones (Yoo et al., Opt. Lett. 46, 4769, 2021).
 
     Returns
     -------
@@ -164,57 +178,58 @@ def aimed_waves(
     frames: int,
     shape: Sequence[int],
     scale: Sequence[float] = (1.0, 1.0),
-    middle: Sequence[float] = (0.0, 0.0),
+    center: Sequence[float] = (0.0, 0.0),
 ) -> np.ndarray:
-    """Even waves, each of which meets the pupil at a place of its own.
+    """Plane waves, each of which meets the pupil at a different point.
 
-    Light of smooth phases meets the pupil in one point, and parts of it beside that point stay dark. The waves of few
-    frames share a ring around its middle: pictures out of focus have as many points of a blur then, and parts of the
-    pupil have light of some frame. The ring shrinks to nothing from `FEWEST_AIMED` to `DESIGNED_STARTS` frames. One and
-    two frames meet the middle.
+    Light of smooth phases meets the pupil in one point, and other parts of it are dark. The waves of few frames meet a
+    ring around its center: out of focus, images then have several points of a blur, and every part of the pupil has
+    light of some frame. The ring shrinks to a point from `MIN_AIMED_FRAMES` to `DESIGNED_STARTS` frames. Waves of one
+    and of two frames meet the center.
 
     Parameters
     ----------
     frames : int
+        Number of frames.
     shape : (int, int)
         Rows and columns.
     scale : (float, float)
-        Radius of the pupil down and across, of 1/2 cycle a pixel.
-    middle : (float, float)
-        Of the pupil down and across, of 1/2 cycle a pixel.
+        Radius of the pupil down and across, in units of 1/2 cycle per pixel.
+    center : (float, float)
+        Center of the pupil down and across, in units of 1/2 cycle per pixel.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frames, y, x), of unit modulus
     """
     rows, columns = (np.arange(n) for n in shape)
-    radius = (
-        float(np.interp(frames, (FEWEST_AIMED, DESIGNED_STARTS), (RING, 0)))
-        if frames >= FEWEST_AIMED
-        else 0.0
-    )
+    radius = 0.0
+    if frames >= MIN_AIMED_FRAMES:
+        radius = float(np.interp(frames, (MIN_AIMED_FRAMES, DESIGNED_STARTS), (RING, 0)))
     waves = np.empty((frames, *shape), np.complex64)
     for frame in range(frames):
         angle = 2 * math.pi * (frame + 0.5) / frames
-        down = middle[0] + radius * scale[0] * math.cos(angle)
-        across = middle[1] + radius * scale[1] * math.sin(angle)
+        down = center[0] + radius * scale[0] * math.cos(angle)
+        across = center[1] + radius * scale[1] * math.sin(angle)
         waves[frame] = np.exp(1j * math.pi * down * rows)[:, None] * np.exp(1j * math.pi * across * columns)
     return waves
 
 
 def speckle_contrast(kind: str, frames: int, randomness: float | None = None) -> float:
-    """Contrast of what speckle is left in pictures of textured scenes, as a share of their intensity.
+    """Contrast of the speckle in images of textured scenes, as a fraction of their intensity.
 
-    1/sqrt(frames) for random fields, less for designed ones: as measured for the sets (benchmarks/phase_fields.py),
-    interpolated between them. Smooth ones have partially developed speckle: of a share s of the light that is in phase
-    and the rest that is not, the contrast is sqrt(1 - s^2) (Goodman, Speckle Phenomena in Optics, 2007, section 3.2).
+    It is 1/sqrt(frames) for random fields, and less for designed ones: as measured for the sets
+    (benchmarks/phase_fields.py), interpolated between them. Smooth fields have partially developed speckle: if a
+    fraction s of the light is in phase, the contrast of a frame is sqrt(1 - s^2) (Goodman, Speckle Phenomena in Optics,
+    2007, section 3.2).
 
     Parameters
     ----------
     kind : {'designed', 'random', 'smooth'}
     frames : int
+        Number of frames.
     randomness : float, optional
-        Of smooth fields, 0 to 1; 0 where not given.
+        Randomness of smooth fields, 0 to 1. Default: 0.
 
     Returns
     -------
@@ -230,13 +245,14 @@ def speckle_contrast(kind: str, frames: int, randomness: float | None = None) ->
 
 
 def frames_for(kind: str, contrast: float, randomness: float | None = None) -> int:
-    """Fewest frames that leave a speckle contrast of at most so much.
+    """Minimum number of frames with a speckle contrast up to a given one.
 
     Parameters
     ----------
     kind, randomness
-        As of `speckle_contrast`.
+        See `speckle_contrast`.
     contrast : float
+        Maximum speckle contrast.
 
     Returns
     -------
@@ -245,19 +261,19 @@ def frames_for(kind: str, contrast: float, randomness: float | None = None) -> i
     Raises
     ------
     InvalidInput
-        If `MOST_FRAMES` leave more.
+        If more than `MAX_FRAMES` are needed.
     """
-    for frames in range(1, MOST_FRAMES + 1):
+    for frames in range(1, MAX_FRAMES + 1):
         if speckle_contrast(kind, frames, randomness) <= contrast:
             return frames
-    least = speckle_contrast(kind, MOST_FRAMES, randomness)
+    min_contrast = speckle_contrast(kind, MAX_FRAMES, randomness)
     raise InvalidInput(
-        f"A speckle contrast of {contrast:.1%} takes over {MOST_FRAMES} frames: ask for {least:.1%} or more."
+        f"A speckle contrast of {contrast:.1%} takes over {MAX_FRAMES} frames. Choose {min_contrast:.1%} or more."
     )
 
 
 def recordable_fraction(phasors: np.ndarray) -> float:
-    """Share of the phasors' energy inside the circular band: what a plane of unit amplitude keeps.
+    """Fraction of the phasors' energy within the circular band, which a plane of unit amplitude keeps.
 
     Parameters
     ----------
@@ -277,8 +293,15 @@ def recordable_fraction(phasors: np.ndarray) -> float:
 
 
 def pixel_transmission(samples: int = 256) -> float:
-    """Mean of sinc^2(fx d) sinc^2(fy d) over the circular band: what is kept by an estimator that holds a
-    phase constant over a pixel of width d, as the paper's random rays do.
+    """Fraction of the light that an estimator keeps whose phases are constant over a pixel.
+
+    It is the mean of sinc^2(fx d) sinc^2(fy d) over the circular band for pixels of width d, as with the paper's random
+    rays.
+
+    Parameters
+    ----------
+    samples : int
+        Number of frequencies along each axis.
 
     Returns
     -------

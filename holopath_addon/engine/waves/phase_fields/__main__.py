@@ -1,4 +1,4 @@
-"""``python -m holopath_addon.engine.waves.phase_fields design --frames 24 --out maps.npy``"""
+"""Command line ``python -m holopath_addon.engine.waves.phase_fields design --frames 24 --out maps.npy``."""
 
 from __future__ import annotations
 
@@ -22,33 +22,35 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Returns the exit status: 0 done, 1 a file cannot be written, 2 bad input, 130 interrupted."""
+    """Return the exit status: 0 done, 1 a file cannot be written, 2 bad input, 130 interrupted."""
     parser = argparse.ArgumentParser(prog="python -m holopath_addon.engine.waves.phase_fields")
     commands = parser.add_subparsers(required=True)
     design = commands.add_parser(
-        "design", help="optimise a set of phase maps; go on where it was interrupted"
+        "design", help="optimize a set of phase maps; continue after an interruption"
     )
-    design.add_argument("--frames", type=int, required=True, metavar="M", help="maps of the set")
+    design.add_argument("--frames", type=int, required=True, metavar="M", help="number of maps")
     design.add_argument("--size", type=int, default=Recipe.size, help="period in pixels, a power of two")
     design.add_argument("--steps", type=int, default=Recipe.steps)
     design.add_argument(
         "--reach", type=float, default=Recipe.reach, help="largest defocus, wavelength z / pitch^2"
     )
-    design.add_argument("--plane", type=float, default=Recipe.plane, help="share of steps on an even plane")
+    design.add_argument(
+        "--plane", type=float, default=Recipe.plane, help="fraction of steps on an even plane"
+    )
     design.add_argument(
         "--prefixes",
         type=float,
         default=Recipe.prefixes,
-        help="how much the first few frames count besides all",
+        help="weight of the first few frames besides all",
     )
     design.add_argument(
         "--narrow",
         type=float,
         default=Recipe.narrow,
-        help="how much pictures through narrow parts of the pupil count",
+        help="weight of images through narrow parts of the pupil",
     )
     design.add_argument("--rate", type=float, default=Recipe.rate, help="longest step in radians")
-    design.add_argument("--start", type=Path, metavar="FILE.npy", help="maps to begin with (default: random)")
+    design.add_argument("--start", type=Path, metavar="FILE.npy", help="maps to start with (default: random)")
     design.add_argument("--seed", type=int, default=Recipe.seed)
     design.add_argument("--out", type=Path, required=True, metavar="FILE.npy")
     design.add_argument("--state", type=Path, metavar="FILE.npz", help="default: beside the result")
@@ -57,16 +59,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         recipe = Recipe(**{field.name: getattr(args, field.name) for field in fields(Recipe)})
         state = args.state or args.out.with_suffix(".state.npz")
         if not args.out.parent.is_dir():
-            raise InvalidInput(f"There is no folder {args.out.parent}: make it first.")
+            raise InvalidInput(f"There is no folder {args.out.parent}. Create it first.")
         if state.exists():
             work = Design.load(state, recipe)
-            print(f"going on at step {work.done} of {state}", file=sys.stderr)
+            print(f"continuing at step {work.done} of {state}", file=sys.stderr)
         else:
             work = Design(recipe, _start(recipe, args.start))
         with _interrupts() as interrupted:
             finished = run(work, state, _report, interrupted)
         if not finished:
-            print("interrupted: the same command goes on from here", file=sys.stderr)
+            print("interrupted: the same command continues from here", file=sys.stderr)
             return 130
         work.save_maps(args.out)
     except InvalidInput as error:
@@ -80,13 +82,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _interrupts():
-    """Inside, Ctrl-C and SIGTERM only make the function that it gives return True."""
-    seen = []
+    """Handle Ctrl-C and SIGTERM within the block: they only make the returned function return True."""
+    signals = []
     before = {
-        number: signal.signal(number, lambda *_: seen.append(1)) for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, lambda *_: signals.append(1))
+        for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
-        yield lambda: bool(seen)
+        yield lambda: bool(signals)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -98,13 +101,11 @@ def _start(recipe, path):
     try:
         maps = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise InvalidInput(
-            f"{path} holds no maps that can be read: give a file that this program made."
-        ) from error
+        raise InvalidInput(f"{path} has no readable maps. Use a file that this program wrote.") from error
     shape = recipe.frames, recipe.size, recipe.size
     if maps.shape != shape or maps.dtype != np.uint8:
         raise InvalidInput(
-            f"{path} holds {maps.dtype} {maps.shape}, not uint8 {shape}: change --frames or --size."
+            f"Expected uint8 {shape} in {path}, got {maps.dtype} {maps.shape}. Change --frames or --size."
         )
     return (maps * (2 * math.pi / 256)).astype(np.float32)
 

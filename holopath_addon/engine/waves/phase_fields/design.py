@@ -1,9 +1,9 @@
-"""Phase maps whose frame mean looks incoherent: designed once, for every scene (docs/theory.md, Designed phase fields).
+"""Design of phase maps whose frame mean looks incoherent, once for all scenes (docs/theory.md, Designed phase fields).
 
-Adam on the phases of a periodic set of maps. Each step invents a small wave-optics scene, looks at it through a few
-foci and pupils, and descends the squared difference between the frame mean of the intensity and the picture in
-incoherent light. Lengths are pixels, and defocus is the Fresnel number q = wavelength z / pitch^2 of a pixel, on
-which alone paraxial pictures depend; so one set serves all wavelengths and pitches.
+Adam optimizes the phases of a periodic set of maps. Each step invents a small wave-optics scene, computes its images at
+a few foci and through parts of the pupil, and reduces the squared difference between the frame mean of the intensity
+and the image in incoherent light. Lengths are pixels. Defocus is the Fresnel number q = wavelength z / pitch^2 of a
+pixel, on which alone paraxial images depend, so that one set is good for all wavelengths and pitches.
 """
 
 from __future__ import annotations
@@ -21,41 +21,47 @@ import scipy.fft
 
 from ...errors import InvalidInput
 from ..propagation import circular_band
-from ..supervision import Adam, Frames, TargetPicture, relative, supervise
+from ..supervision import Adam, Frames, TargetImage, relative, supervise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mean is looked at
-LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
-# radii of parts of the pupil, cycles a pixel: halves, and down to a sixth
+PREFIXES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # numbers of first frames whose own mean is optimized
+LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # probabilities in a step
+# Radii of parts of the pupil, cycles per pixel: halves, and down to a sixth
 PARTS, NARROW = (0.2, 0.4), (0.08, 0.3)
 BRANCH = 37  # pixels, as tracer.BRANCH_SHIFT
-VIEWS = 2  # pictures a step
-PLANE_VIEWS = 7  # of an even plane out of focus, spread evenly
+VIEWS = 2  # images in a step
+PLANE_VIEWS = 7  # evenly spread images of an even plane out of focus
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a design depends on, besides this program.
+    """Inputs of a design.
 
     Attributes
     ----------
     frames, size : int
-        Maps and their period in pixels.
+        Number of maps, and their period in pixels.
     steps : int
+        Number of steps.
     seed : int
+        Seed of the scenes.
     reach : float
-        Largest defocus |q|; 60 is 6 mm at 640 nm and 8 µm, and beyond the reach speckle comes back.
+        Largest defocus |q|; 60 is 6 mm at 640 nm and 8 µm. Beyond the reach speckle returns.
     plane : float
-        Share of the steps that look at an even plane through the whole pupil; the others at textures and through
-        parts of the pupil, which with few frames come short otherwise.
+        Fraction of the steps with an even plane through the whole pupil; the others have textures and parts of the
+        pupil, which improve less with few frames.
     prefixes : float
-        How much the first 1, 2, 3, 4, 6, ... frames count in all, against one for all frames.
+        Total weight of the first 1, 2, 3, 4, 6, ... frames, against 1 for all frames.
     narrow : float
-        How much a picture through a narrow part of the pupil counts, which each step has besides.
+        Weight of an additional image in each step through a narrow part of the pupil.
     rate : float
-        Adam's longest step, radians; less where good maps are only to be bettered.
+        Adam's longest step, radians; smaller to improve good maps.
+
+    Raises
+    ------
+    InvalidInput
     """
 
     frames: int
@@ -70,19 +76,20 @@ class Recipe:
 
     def __post_init__(self):
         if not 1 <= self.frames <= 256:
-            raise InvalidInput(f"A set has 1 to 256 frames, not {self.frames}.")
+            raise InvalidInput(f"Expected 1 to 256 frames, got {self.frames}.")
         if self.size < 64 or self.size & (self.size - 1):
-            raise InvalidInput(f"The size of a map is a power of two, at least 64, not {self.size}.")
-        least = min(self.steps - 1, self.seed, self.reach, self.prefixes, self.narrow, self.rate)
-        if least < 0 or not 0 <= self.plane <= 1:
+            raise InvalidInput(f"Expected a power of two of at least 64 as size of a map, got {self.size}.")
+        lowest = min(self.steps - 1, self.seed, self.reach, self.prefixes, self.narrow, self.rate)
+        if lowest < 0 or not 0 <= self.plane <= 1:
             raise InvalidInput(
-                "Steps must be positive; seed, reach, prefixes, narrow, rate not negative; the share of planes 0 to 1."
+                "Expected at least one step, seed, reach, prefixes, narrow and rate of 0 or more, and a fraction of "
+                "planes from 0 to 1."
             )
 
     @property
     def stages(self) -> dict[int, float]:
         """Weights for `supervise`: the mean of m independent frames has the squared error 1/m."""
-        before = [count for count in STOPS if count < self.frames]
+        before = [count for count in PREFIXES if count < self.frames]
         return {count: self.prefixes / len(before) * count for count in before} | {
             self.frames: float(self.frames)
         }
@@ -90,7 +97,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface of a scene: its amplitude, its distance q from the focal plane, and where it looks up its phases."""
+    """Surface of a scene: its amplitude, its distance q from the focal plane, and the shift of its phases."""
 
     amplitude: np.ndarray
     defocus: float = 0.0
@@ -99,7 +106,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class DefocusedView:
-    """How a scene is looked at: focus beyond the first layer, part of the pupil, and how much speckle counts."""
+    """View of a scene: focus beyond the first layer, part of the pupil, and weight of speckle."""
 
     defocus: float
     pupil: tuple | None = None
@@ -112,6 +119,7 @@ class MapOptics:
     Parameters
     ----------
     size : int
+        Period of a map, pixels.
     """
 
     def __init__(self, size: int) -> None:
@@ -121,7 +129,15 @@ class MapOptics:
         self.band = circular_band((size, size))
 
     def transfer(self, defocus: float, pupil: tuple[float, float, float] | None = None) -> np.ndarray:
-        """exp(-i pi q f^2) in the band, and in the pupil (centre x, centre y, radius; cycles a pixel) if given."""
+        """Transfer function exp(-i pi q f^2) in the band, and in the pupil if given.
+
+        Parameters
+        ----------
+        defocus : float
+            q.
+        pupil : tuple of float, optional
+            Center x and y, and radius, cycles per pixel.
+        """
         keep = self.band
         if pupil is not None:
             x, y, radius = pupil
@@ -133,7 +149,7 @@ class MapOptics:
 
 
 def texture(rng: np.random.Generator, size: int) -> np.ndarray:
-    """Amplitudes of a random picture: even, or blocks of 2 to 32 pixels, grey or of two levels."""
+    """Amplitudes of a random image: even, or blocks of 2 to 32 pixels, gray or of two levels."""
     if rng.random() < FLAT:
         return np.ones((size, size), np.float32)
     block = 2 ** int(rng.integers(1, 6))
@@ -147,27 +163,40 @@ def texture(rng: np.random.Generator, size: int) -> np.ndarray:
 def invent(
     rng: np.random.Generator, size: int, reach: float, plane: float, narrow: float = 0.0
 ) -> tuple[list, list]:
-    """Layers of a random scene, and pictures of it.
+    """Invent layers of a random scene, and views of it.
 
-    An even plane; or a textured one; or two at different depths, one in front of the other or both at once, as
-    the branches of a clear surface are, which look up their phases elsewhere. With `narrow` there is one more
-    picture, through a narrow part of the pupil, which counts so much.
+    A scene is an even plane, a textured one, or two at different depths: one in front of the other, or both at once
+    with shifted phases, as the branches of a clear surface. With `narrow` there is an additional view of this weight,
+    through a narrow part of the pupil.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    size : int
+        Period of a map, pixels.
+    reach, plane, narrow : float
+        See `Recipe`.
+
+    Returns
+    -------
+    layers : list of Layer
+    views : list of DefocusedView
     """
-    layers, pictures = _invented(rng, size, reach, plane)
+    layers, views = _invented(rng, size, reach, plane)
     if narrow:
-        pictures.append(DefocusedView(float(rng.uniform(-reach, reach)), _part(rng, *NARROW), narrow))
-    return layers, pictures
+        views.append(DefocusedView(float(rng.uniform(-reach, reach)), _part(rng, *NARROW), narrow))
+    return layers, views
 
 
 def _part(rng, low, high):
-    """A part of the pupil of a radius from `low` to `high`, anywhere."""
+    """Random part of the pupil of a radius from `low` to `high`."""
     radius, angle = float(rng.uniform(low, high)), 2 * math.pi * rng.random()
     aside = (0.5 - radius) * math.sqrt(rng.random())
     return aside * math.cos(angle), aside * math.sin(angle), radius
 
 
 def _invented(rng, size, reach, plane):
-    """Layers of light, and the pictures to be even in: of one plane, as likely as `plane`, or of several."""
+    """Layers and views: of an even plane with a probability of `plane`, or of textures."""
 
     def focus():
         return float(rng.uniform(-reach, reach))
@@ -177,10 +206,10 @@ def _invented(rng, size, reach, plane):
 
     if rng.random() < plane:
         places = (np.arange(PLANE_VIEWS) + rng.random(PLANE_VIEWS)) / PLANE_VIEWS
-        pictures = [DefocusedView(0.0)] + [DefocusedView(reach * (2 * place - 1)) for place in places]
+        views = [DefocusedView(0.0)] + [DefocusedView(reach * (2 * place - 1)) for place in places]
         # the light must fill the pupil evenly
-        pictures.append(DefocusedView(focus(), part(), 1e-4))
-        return [Layer(np.ones((size, size), np.float32))], pictures
+        views.append(DefocusedView(focus(), part(), 1e-4))
+        return [Layer(np.ones((size, size), np.float32))], views
     layers = [Layer(texture(rng, size))]
     if rng.random() < LAYERS:
         front, back = layers[0].amplitude, texture(rng, size)
@@ -195,36 +224,43 @@ def _invented(rng, size, reach, plane):
         elif kind > 0.6:
             shift = tuple(int(v) for v in rng.integers(0, size, 2))
         layers = [Layer(front), Layer(back, focus(), shift)]
-    pictures = []
+    views = []
     for _ in range(VIEWS):
         defocus = 0.0 if rng.random() < IN_FOCUS else focus()
-        pictures.append(DefocusedView(defocus, part() if rng.random() < PUPILS else None))
-    return layers, pictures
+        views.append(DefocusedView(defocus, part() if rng.random() < PUPILS else None))
+    return layers, views
 
 
-def incoherent_target(optics: MapOptics, layers: list, picture: DefocusedView) -> TargetPicture:
-    """The picture of layers in incoherent light: each one's intensity, blurred by the intensity of its kernel.
+def incoherent_target(optics: MapOptics, layers: list[Layer], view: DefocusedView) -> TargetImage:
+    """Image of layers in incoherent light: the intensity of each, blurred by the intensity of its kernel.
 
-    Errors are divided by the intensity, as in the variance of a root, so that independent frames have the loss 1/m.
+    Errors are divided by the intensity, as in the variance of a square root, so that m independent frames have the loss
+    1/m.
+
+    Parameters
+    ----------
+    optics : MapOptics
+    layers : list of Layer
+    view : DefocusedView
     """
     target = 0
     for layer in layers:
-        kernel = scipy.fft.ifft2(optics.transfer(picture.defocus + layer.defocus, picture.pupil))
+        kernel = scipy.fft.ifft2(optics.transfer(view.defocus + layer.defocus, view.pupil))
         blur = scipy.fft.fft2(kernel.real**2 + kernel.imag**2)
         target = target + scipy.fft.ifft2(scipy.fft.fft2(layer.amplitude**2) * blur).real
     target = np.maximum(target, 0)
-    transfer = optics.transfer(picture.defocus, picture.pupil)
-    return TargetPicture(transfer, target, picture.speckle * relative(target))
+    transfer = optics.transfer(view.defocus, view.pupil)
+    return TargetImage(transfer, target, view.speckle * relative(target))
 
 
 class Design:
-    """The maps under way.
+    """Maps during their design.
 
     Parameters
     ----------
     recipe : Recipe
     start : numpy.ndarray, float32, shape (frames, size, size)
-        Phases to begin with, radians.
+        Phases to start with, radians.
     """
 
     def __init__(self, recipe: Recipe, start: np.ndarray) -> None:
@@ -234,30 +270,30 @@ class Design:
         self.done = 0
 
     def slopes(
-        self, layers: list, pictures: list, threads: Frames
+        self, layers: list[Layer], views: list[DefocusedView], threads: Frames
     ) -> tuple[dict[int, float], list[np.ndarray]]:
-        """Losses by number of frames, and their gradient with respect to the phases."""
+        """Compute losses by number of frames, and their gradient with respect to the phases."""
         optics, frames = self.optics, self.recipe.frames
-        moved = [None if not layer.defocus else optics.transfer(layer.defocus) for layer in layers]
+        transfers = [None if not layer.defocus else optics.transfer(layer.defocus) for layer in layers]
         phasors = np.empty(self.phases.shape, np.complex64)
 
         def spectrum(frame):
             phasor, total = phasors[frame], 0
             phasor.real, phasor.imag = np.cos(self.phases[frame]), np.sin(self.phases[frame])
-            for layer, transfer in zip(layers, moved, strict=True):
-                seen = np.roll(phasor, [-s for s in layer.shift], (0, 1)) if any(layer.shift) else phasor
-                part = scipy.fft.fft2(layer.amplitude * seen)
+            for layer, transfer in zip(layers, transfers, strict=True):
+                shifted = np.roll(phasor, [-s for s in layer.shift], (0, 1)) if any(layer.shift) else phasor
+                part = scipy.fft.fft2(layer.amplitude * shifted)
                 total = total + (part if transfer is None else part * transfer)
             return total * optics.band
 
         spectra = threads.each(spectrum, frames)
-        targets = [incoherent_target(optics, layers, picture) for picture in pictures]
+        targets = [incoherent_target(optics, layers, view) for view in views]
         energy = sum(float((layer.amplitude**2).sum()) for layer in layers) * optics.band.mean()
         losses, gradient = supervise(spectra, targets, energy, self.recipe.stages, threads)
 
         def slope(frame):
             total = 0
-            for layer, transfer in zip(layers, moved, strict=True):
+            for layer, transfer in zip(layers, transfers, strict=True):
                 part = gradient[frame] if transfer is None else gradient[frame] * np.conj(transfer)
                 # the adjoint of the FFT
                 part = scipy.fft.ifft2(part, norm="forward") * layer.amplitude
@@ -267,19 +303,19 @@ class Design:
         return losses, threads.each(slope, frames)
 
     def step(self, threads: Frames) -> dict[int, float]:
-        """One step; returns the losses by number of frames, 1 being that of independent frames."""
+        """Take a step, and return the losses by number of frames, in terms of those of independent frames."""
         recipe = self.recipe
         rng = np.random.default_rng((recipe.seed, self.done))
-        layers, pictures = invent(rng, recipe.size, recipe.reach, recipe.plane, recipe.narrow)
-        losses, slopes = self.slopes(layers, pictures, threads)
+        layers, views = invent(rng, recipe.size, recipe.reach, recipe.plane, recipe.narrow)
+        losses, slopes = self.slopes(layers, views, threads)
         rate = Adam.rate(self.done, recipe.steps, recipe.rate)
         self.adam.step(self.phases, slopes, rate, threads)
         self.done += 1
-        count = sum(picture.speckle for picture in pictures)
+        count = sum(view.speckle for view in views)
         return {frames: loss * frames / count for frames, loss in losses.items()}
 
     def save(self, path: Path | str) -> None:
-        """Everything that `load` needs to go on, written beside and renamed."""
+        """Write the state that `load` continues from, to another file that is then renamed."""
         state = {
             "recipe": json.dumps(asdict(self.recipe)),
             "phases": self.phases,
@@ -291,12 +327,12 @@ class Design:
 
     @classmethod
     def load(cls, path: Path | str, recipe: Recipe) -> Design:
-        """Go on with a saved design of the same recipe.
+        """Load the state of a design of the same recipe.
 
         Raises
         ------
         InvalidInput
-            If the file is of another recipe or damaged.
+            If the file has another recipe or is damaged.
         """
         try:
             with np.load(path, allow_pickle=False) as state:
@@ -305,16 +341,16 @@ class Design:
                 design.adam.count = design.done = int(state["done"])
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise InvalidInput(
-                f"{path} is no state of a design that can be read: remove it to begin anew."
+                f"{path} is not a readable state of a design. Remove it to start again."
             ) from error
         if kept != asdict(recipe):
             raise InvalidInput(
-                f"{path} is of another design, {kept}: give the same options, or another --state."
+                f"{path} has another design, {kept}. Use the same options, or another --state."
             )
         return design
 
     def save_maps(self, path: Path | str) -> None:
-        """The maps as bytes, 256 levels a turn: what `designed_phasors` reads."""
+        """Write the maps for `designed_phasors`, as bytes of 256 levels per turn."""
         levels = np.round(self.phases * (256 / (2 * math.pi))).astype(np.int64) % 256
         _write(path, lambda file: np.save(file, levels.astype(np.uint8)))
 
@@ -333,18 +369,19 @@ def run(
     stop: Callable[[], bool],
     every: int = 500,
 ) -> bool:
-    """Go on with a design until it is finished or asked to stop; its state is kept on disk.
+    """Run a design until it is finished or stopped, with its state on disk.
 
     Parameters
     ----------
     design : Design
     state : path
-        Written at once, every few hundred steps and at the end.
+        File of the state, written at the start, every `every` steps, and at the end.
     report : callable
-        ``report(step, losses)`` every `every` steps, losses their mean since the last time, by number of frames.
+        ``report(step, losses)`` every `every` steps, with their mean losses by number of frames.
     stop : callable
-        ``stop()`` is asked after every step, so that a state is never that of half a step.
+        ``stop()`` is called between steps, so that a state is never that of half a step.
     every : int
+        Number of steps between states and reports.
 
     Returns
     -------

@@ -1,0 +1,196 @@
+"""Options of `encode`: their resolution for a field, and their validation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..settings import ENCODINGS
+from ..waves import arrays
+from ..waves.modulator import Levels
+from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, randomness_for
+from .phase_hologram import PhaseHologram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from ..progress import Progress
+    from ..wavefield import WaveField
+    from ..waves.arrays import Array
+    from ..waves.display_model import DisplayModel
+
+SUPERVISIONS = ("complex", "amplitude")
+STARTS = ("arg", "dpac")
+JOINT_METHODS = ("joint", "refine")
+MAX_STEPS = 1000  # of a stage in one wavelength
+JOINT_STEPS = {"joint": 100, "refine": 400}  # in each wavelength, without a limit of seconds
+
+
+def eyebox_for(frames: int) -> float:
+    """Weight of parts of the pupil that a number of frames supports, see `encode`.
+
+    With three frames parts of the pupil gain nothing from any weight, and the whole pupil loses 2 dB (docs/theory.md).
+    """
+    return float(np.clip((frames - FEW_FRAMES) / (DESIGNED_STARTS - FEW_FRAMES), 0, 1)) ** 2
+
+
+@dataclass(frozen=True)
+class EncodingOptions:
+    """Options of `encode`, which explains them; `extra_frames` is its `many`."""
+
+    method: str
+    bits: int | None
+    levels: Sequence[ArrayLike | Levels] | None
+    display: Sequence[DisplayModel] | None
+    supervision: str
+    compared_planes: int
+    aperture: bool
+    start: str | PhaseHologram
+    randomness: float | None
+    eyebox: float | None
+    extra_frames: Callable[[Progress], Iterable[tuple[list[int], Array]]] | None
+    seconds: float | None
+    tolerance: float
+    max_steps: int | None
+    seed: int
+
+    def resolve(self, field: WaveField) -> EncodingOptions:
+        """Options for a field, with its method, eyebox and randomness; checked.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        frames = field.data.shape[0]
+        eyebox = eyebox_for(frames) if self.eyebox is None else self.eyebox
+        method, randomness = self.method, self.randomness
+        if method == "auto":
+            method = "joint" if frames > 1 else "sgd"
+            smooth = method == "joint"
+        else:  # with few frames the light of a smooth field behind a lens meets the center of the SLM alone
+            smooth = method in JOINT_METHODS and field.hologram.in_air is not field.hologram
+        if smooth and randomness is None and self.start == "arg":
+            randomness = randomness_for(frames, eyebox)
+        options = replace(self, method=method, eyebox=eyebox, randomness=randomness)
+        options._check_values()
+        options._check_combinations(field)
+        options._check_sizes(field)
+        return options
+
+    @property
+    def max_frame_steps(self) -> int:
+        """Maximum number of steps of each frame by itself."""
+        return MAX_STEPS if self.max_steps is None else self.max_steps
+
+    @property
+    def max_joint_steps(self) -> int:
+        """Maximum number of steps of all frames together, in each wavelength."""
+        return self.max_steps or (MAX_STEPS if self.seconds else JOINT_STEPS.get(self.method, MAX_STEPS))
+
+    def levels_at(self, color: int) -> Levels | None:
+        """`Levels` of a wavelength by its index; None for any phase."""
+        if self.levels is None:
+            return None if self.bits is None else Levels.even(self.bits)
+        levels = self.levels[color]
+        return levels if isinstance(levels, Levels) else Levels(levels)
+
+    def _check_values(self):
+        for value, known, name in (
+            (self.method, ENCODINGS, "encoding"),
+            (self.supervision, SUPERVISIONS, "supervision"),
+            (self.start if isinstance(self.start, str) else STARTS[0], STARTS, "start"),
+        ):
+            if value not in known:
+                raise InvalidInput(f"Expected one of {', '.join(known)}, got the {name} '{value}'.")
+        if not isinstance(self.start, (str, PhaseHologram)):
+            raise InvalidInput(
+                f"Expected the start 'arg', 'dpac' or a PhaseHologram, got {type(self.start).__name__}."
+            )
+        if self.seconds is not None and not 0 < self.seconds < math.inf:
+            raise InvalidInput(f"Expected seconds of more than 0, got {self.seconds}.")
+        if not 0 <= self.tolerance < 1:
+            raise InvalidInput(f"Expected a tolerance from 0 to below 1, got {self.tolerance}.")
+        if self.max_steps is not None and self.max_steps < 1:
+            raise InvalidInput(f"Expected at least one step, got {self.max_steps}.")
+        for name, value, low, high in (
+            ("bits", self.bits, 1, 16),
+            ("compared_planes", self.compared_planes, 1, 64),
+            ("randomness", self.randomness, 0, 1),
+            ("eyebox", self.eyebox, 0, 1),
+        ):
+            if value is not None and not low <= value <= high:
+                raise InvalidInput(f"Expected {name} from {low} to {high}, got {value}.")
+
+    def _check_combinations(self, field):
+        if self.bits is not None and self.levels is not None:
+            raise InvalidInput("Measured levels have a number of their own. Omit the bits.")
+        if self.display is not None and self.method == "dpac":
+            raise InvalidInput(
+                "Double phase does not support display models. Choose sgd or joint, or omit the model."
+            )
+        if self.display is not None and not field.hologram.flat_bench:
+            raise InvalidInput(
+                "A fitted display has a beam and a stop of its own, and no lens behind it. Omit the display model or "
+                "the hologram's optics."
+            )
+        if not self.aperture and (self.method != "sgd" or self.supervision != "complex"):
+            raise InvalidInput(
+                "Without a stop in the Fourier plane, only sgd with complex supervision encodes. Choose it, or keep "
+                "the aperture."
+            )
+        if not self.aperture and field.hologram.optics.stopped:
+            raise InvalidInput("The optics have a stop, which aperture=False excludes. Omit one of them.")
+        if self.method == "refine" and self.extra_frames is None:
+            raise InvalidInput(
+                "The encoding refine needs extra frames of the scene. Use `holopath render --encode refine`, or choose "
+                "joint."
+            )
+        if self.randomness is not None and self.method not in JOINT_METHODS:
+            raise InvalidInput(
+                f"The encoding {self.method} starts with the field's phases. Omit the randomness, or choose joint or "
+                "refine."
+            )
+
+    def _check_sizes(self, field):
+        data = field.data
+        for values, name in ((self.display, "display models"), (self.levels, "sets of levels")):
+            if values is not None and len(values) != data.shape[1]:
+                raise InvalidInput(
+                    f"Expected {data.shape[1]} {name}, one for each wavelength, got {len(values)}."
+                )
+        for levels in self.levels or ():
+            for name in ("correction", "variation"):
+                values = getattr(levels, name, None)
+                if values is not None and self.display is not None:
+                    raise InvalidInput(
+                        f"A display model does not support a {name} of the levels. Omit one of them."
+                    )
+                if values is not None and values.shape != data.shape[-2:]:
+                    raise InvalidInput(
+                        f"The {name} of the levels has {_pixels(values)}, the field {_pixels(data)}. Give one of its "
+                        "size."
+                    )
+        if isinstance(self.start, PhaseHologram) and self.start.data.shape != data.shape:
+            raise InvalidInput(
+                f"The hologram to start with has {_size(self.start.data)}, the field {_size(data)}. Start with "
+                "another."
+            )
+        xp = arrays.namespace(data)
+        if not all(xp.all(xp.isfinite(data[frame, ...])) for frame in range(data.shape[0])):
+            raise InvalidInput("The wave field has values that are not finite. Render it again.")
+
+
+def _size(data):
+    frames, colors = data.shape[:2]
+    return f"{frames} frames and {colors} wavelengths of {_pixels(data)}"
+
+
+def _pixels(data):
+    rows, columns = data.shape[-2:]
+    return f"{columns} x {rows} pixels"
