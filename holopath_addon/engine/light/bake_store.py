@@ -291,7 +291,7 @@ class BakeStore:
             return None, ""
         except Exception as error:  # a damaged archive raises many kinds
             reason = " ".join(str(error).split())
-            return None, f"The baked light in {file.name} cannot be read ({reason}): it is baked again."
+            return None, f"The baked light in {file.name} cannot be read ({reason}). It is baked again."
         with suppress(OSError):
             os.utime(file)  # the oldest files are deleted first
         return stored, ""
@@ -329,8 +329,8 @@ class BakeStore:
             os.replace(part, file)
         except OSError as error:
             raise InvalidInput(
-                f"Baked light cannot be kept in {self.folder} ({error.strerror}): free space there, or name another "
-                f"folder in HOLOPATH_CACHE."
+                f"Baked light cannot be stored in {self.folder} ({error.strerror}). Free space there, or set "
+                "HOLOPATH_CACHE to another folder."
             ) from error
         finally:
             if part is not None:

@@ -24,8 +24,8 @@ DELETION_DELAY, MAX_WAITING = 0.02, 4  # seconds, and atlases that wait
 LACKING = (
     ""
     if xatlas
-    else "This Python has no xatlas (there is none for 3.14 yet): baked light has a cell of its texture for every "
-    "triangle, which takes more memory, and is traced on meshes whose triangles differ much in size."
+    else "This Python has no xatlas (there is none for 3.14 yet). Baked light has a texture cell for each triangle, "
+    "which takes more memory, and meshes with triangles of very different sizes are traced."
 )
 
 

@@ -117,19 +117,14 @@ class Measurement:
         done, sampling = 0.0, SamplingPass("cells", self._plan.passes, 0, CELLS_WEIGHT)
         while sampling is not None:
             weight = (1 - done) * sampling.weight
-
-            def report(part, done=done, weight=weight):
-                progress(done + weight * part)
-
-            def report_evaluation(part, report=report):
-                report(TRACING_WEIGHT + (1 - TRACING_WEIGHT) * part)
-
-            totals = self._traced(sampling, lambda part, report=report: report(TRACING_WEIGHT * part))
-            sampling = self._evaluate(sampling, totals, report_evaluation)
+            whole = _part(progress, done, weight)
+            totals = self._trace(sampling, _part(whole, 0.0, TRACING_WEIGHT))
+            rest = _part(whole, TRACING_WEIGHT, 1 - TRACING_WEIGHT)
+            sampling = self._evaluate(sampling, totals, rest)
             done += weight
         return self._radiance_map()
 
-    def _traced(self, sampling, progress):
+    def _trace(self, sampling, progress):
         """Trace a pass; return its totals, those of light with the rounds before."""
         add = {"cells": self._add_cells, "light": self._add_light, "textures": self._add_textures}
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
@@ -243,6 +238,11 @@ class Measurement:
             self._error,
             self._tiles.sightings(self._light),
         )
+
+
+def _part(progress, start, weight):
+    """Progress callback of a part of the work, of a weight from `start` on."""
+    return lambda done: progress(start + weight * done)
 
 
 def rays_for_textures(error: float, target: float, passes: int) -> int:

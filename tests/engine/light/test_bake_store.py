@@ -125,7 +125,7 @@ def test_a_damaged_file_is_baked_again(store, triangles, kind):
     file = store._file(triangles)
     file.write_bytes(damaged(file.read_bytes(), kind))
     found, note = store.load(triangles)
-    assert found is None and file.name in note and note.endswith("it is baked again.")
+    assert found is None and file.name in note and note.endswith("It is baked again.")
 
 
 def test_no_flipped_bit_escapes(store, triangles, stored):
@@ -207,7 +207,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path, triangles, stored):
     (tmp_path / "file").write_text("in the way")
     store = engine.BakeStore(tmp_path / "file")
     assert store.load(triangles)[0] is None and store.size() == 0 and store.clear() == 0
-    with pytest.raises(engine.InvalidInput, match=f"cannot be kept in {tmp_path}/file .*HOLOPATH_CACHE"):
+    with pytest.raises(engine.InvalidInput, match=f"cannot be stored in {tmp_path}/file .*HOLOPATH_CACHE"):
         store.save(triangles, stored)
 
 

@@ -428,7 +428,7 @@ def test_broken_files_and_folders_cost_no_picture(build, camera, tmp_path):
     assert done.reused == "all" and done.note == ""
     (tmp_path / "file").write_text("in the way")
     cache, done = bake(scene, camera, engine.BakeStore(tmp_path / "file"), noise=0.1)
-    assert "cannot be kept" in done.note and done.bytes == 0
+    assert "cannot be stored" in done.note and done.bytes == 0
     assert cache.groups
 
 
