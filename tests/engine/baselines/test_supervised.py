@@ -229,7 +229,7 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
         assert len(told) == steps and told == sorted(told) and told[-1] == 1
         mean = FrameMean(pictures, 1.0, threads)
         losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
-        shown = [mean.look(light, number) for number in range(3)]
+        shown = [mean.image(light, number) for number in range(3)]
         assert np.mean(shown) == pytest.approx(pictures.targets.mean(), rel=0.05)
     assert losses[0] > 2 * losses[1] > 4 * losses[2]
 
