@@ -10,24 +10,26 @@ from holopath_addon.engine.rendering import many
 
 
 @pytest.mark.parametrize(
-    ("most_bytes", "clocked", "sizes"),
+    ("max_bytes", "clocked", "sizes"),
     [(1, False, [24] * 4), (1 << 28, False, [24, 72]), (1 << 28, True, [8, 24, 24, 24, 16])],
 )
-def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, clocked, sizes):
+def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, max_bytes, clocked, sizes):
     """However many are traced at once; none is one of the field's own."""
-    monkeypatch.setattr(many, "AT_ONCE", most_bytes)
+    monkeypatch.setattr(many, "AT_ONCE", max_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=24, quality="preview", seed=1)
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
-    told, batches = [], []
-    more = engine.many_frames(*view[:3], plan, lambda *state: told.append(state), count=96, clocked=clocked)
+    reports, batches = [], []
+    more = engine.many_frames(
+        *view[:3], plan, lambda *state: reports.append(state), count=96, clocked=clocked
+    )
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
     assert [len(each) for each in batches] == sizes
-    assert [done for done, _ in told] == sorted(done for done, _ in told) and told[-1][0] == 1
+    assert [done for done, _ in reports] == sorted(done for done, _ in reports) and reports[-1][0] == 1
     more = np.concatenate(batches)
     assert more.shape == (96, 2, 48, 48)
     alike = np.einsum("mkyx,nkyx->mn", more.conj(), field.data) / np.square(np.abs(field.data[0])).sum()
