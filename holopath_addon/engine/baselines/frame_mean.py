@@ -99,7 +99,10 @@ class FrameMean:
         return loss, waves[:, :rows, :columns]
 
     def image(self, light: Array, number: int) -> Array:
-        """Mean intensity of the frames in an image's plane, float32, shape (y, x), without the gain."""
+        """Mean intensity of the frames in an image's plane, float32, shape (y, x); parameters as of `gradient`.
+
+        The gain does not count.
+        """
         rows, columns = self.pictures.shape
         waves = self._propagate(light, self.pictures.transfer(number))
         image = arrays.empty((rows, columns), "float32", light)
