@@ -117,6 +117,12 @@ class Camera:
 
     @classmethod
     def from_dict(cls, values: dict) -> Camera:
-        """Return the camera of such values; inverse of `to_dict`."""
+        """Return a camera; inverse of `to_dict`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
+        """
         end = values.get("clip_end")
         return cls(**values | {"clip_end": math.inf if end is None else end})

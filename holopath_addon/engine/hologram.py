@@ -290,11 +290,11 @@ class Hologram:
         return Raster(shape, pitch, (-up, right))
 
     def pitch_at(self, wavelength: float) -> Pitch:
-        """Pitch of the panel's pixels in the light of a wavelength, meters; all colors have the same cone."""
+        """Pitch of the panel's pixels in the light of `wavelength` (meters), meters; all colors have the same cone."""
         return self.raster(wavelength).pitch
 
     def distance_at(self, wavelength: float) -> float:
-        """Position of the panel in the light of a wavelength, meters towards the viewer; 0 by default."""
+        """Position of the panel in the light of `wavelength` (meters), meters towards the viewer; 0 by default."""
         return self.optics.color(self.wavelengths.index(wavelength))[1] if self.optics.color_distance else 0.0
 
     @property
@@ -368,7 +368,7 @@ class Hologram:
         return max(2 * w / self.max_slope(w) ** 2 for w in self.wavelengths)
 
     def illumination(self, number: int) -> np.ndarray | None:
-        """Light that falls on the SLM at the wavelength of an index, see `Optics.illumination`."""
+        """Light that falls on the SLM at the wavelength of index `number`, see `Optics.illumination`."""
         return self.optics.illumination(
             (self.height, self.width), self.pitch, self.wavelengths[number], number
         )
@@ -382,7 +382,20 @@ class Hologram:
 
     @classmethod
     def from_dict(cls, values: dict, folder: Path | None = None) -> Hologram:
-        """Return the hologram of values of `to_dict`, with arrays of its `Optics` from a folder."""
+        """Return a hologram; inverse of `to_dict`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
+        folder : path, optional
+            Folder with the arrays of its `Optics`. Default: none, for benches without measured parts.
+
+        Raises
+        ------
+        InvalidInput
+            If an array is missing.
+        """
         return cls(**{**values, "optics": Optics.from_dict(values.get("optics", {}), folder)})
 
 

@@ -416,6 +416,12 @@ class Optics:
     ------
     InvalidInput
         If the stop reaches beyond the band or passes nothing of the picture, or a number is out of range.
+
+    Examples
+    --------
+    >>> from holopath_addon import engine
+    >>> engine.Optics(stop=engine.Stop("half")).carrier  # off axis, in the middle of the stop
+    (0.5, 0.0)
     """
 
     beam: Beam = field(default_factory=Beam)
@@ -531,7 +537,7 @@ class Optics:
         return bool(self.color_scale or self.color_distance or self.color_shift)
 
     def color(self, number: int) -> tuple[float, float, tuple[float, float]]:
-        """Scale, distance in meters and shift in meters of a wavelength, by its index."""
+        """Scale, distance in meters and shift in meters of the wavelength of index `number`."""
         return (
             self.color_scale[number] if self.color_scale else 1.0,
             self.color_distance[number] if self.color_distance else 0.0,
@@ -657,14 +663,21 @@ class Optics:
         return values
 
     def save(self, folder: Path) -> None:
-        """Write the measured arrays, which `to_dict` omits, into a folder."""
+        """Write the measured arrays, which `to_dict` omits, into the folder `folder`."""
         for name, part in ((BEAM_FILE, self.beam), (STOP_FILE, self.stop)):
             if part.measured is not None:
                 np.save(folder / name, part.measured)
 
     @classmethod
     def from_dict(cls, values: dict, folder: Path | None = None) -> Optics:
-        """Return the bench of values of `to_dict`, with arrays from the folder of `save`.
+        """Return a bench; inverse of `to_dict` and `save`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
+        folder : path, optional
+            Folder of `save`. Default: none, for benches without measured parts.
 
         Raises
         ------

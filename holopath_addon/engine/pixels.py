@@ -87,7 +87,15 @@ def coarsest(pitch: Pitch) -> float:
 
 
 def frequencies(shape: Sequence[int], pitch: Pitch) -> list[np.ndarray]:
-    """FFT frequencies of rows and of columns, in cycles per length p, so that the band's edge is 1/2."""
+    """FFT frequencies of rows and of columns, in cycles per length p, so that the band's edge is 1/2.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the FFT.
+    pitch : float or (float, float)
+        Pixel pitch, meters, see the module.
+    """
     if not isinstance(pitch, tuple):
         return [scipy.fft.fftfreq(n) for n in shape]
     return [scipy.fft.fftfreq(n) * (coarsest(pitch) / d) for n, d in zip(shape, axes(pitch), strict=True)]

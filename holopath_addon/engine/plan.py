@@ -250,7 +250,12 @@ class Plan:
 
     @classmethod
     def from_dict(cls, values: dict) -> Plan:
-        """Return the plan of such values; inverse of `to_dict`.
+        """Return a plan; inverse of `to_dict`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
 
         Raises
         ------

@@ -59,7 +59,7 @@ def test_equal_wavelengths_cannot_lie_apart():
 
 
 def test_each_color_of_a_dot_is_focused_where_it_should_be(build, camera):
-    """By direct sums of the field's pixels, each where the bench has it for its color."""
+    """Compared with direct sums of the field's pixels, at their place on the bench for each color."""
     hologram = Hologram(64, 64, 8e-6, RGB, **ENDS, near=0.5, optics=APART)
     across, pixel = 0.05, 2 * math.tan(camera.fov_x / 2) / 64
     dot = build.plane(1.0, build.emissive(build.grey(1.0)), 0.8 * pixel, x=across)
@@ -109,15 +109,15 @@ def test_two_percent_apart_uncorrected_and_corrected(slanted, camera):
 
 
 def test_a_stored_field_goes_to_another_panel(slanted, camera):
-    """As it would have been rendered for it, but for the border, whose light its own panel had lost."""
+    """The same as rendered for it, except for the border, whose light its own panel had lost."""
     settings = engine.Settings(frames=2, method="full", seed=1)
     plain = engine.render(slanted, camera, Hologram(64, 64, 8e-6, RGB, **ENDS), settings)
     moved = engine.at_panel(plain, APART)
     assert moved.hologram.optics == APART
     focus, picture = [1.0], plain.hologram.picture
-    shown, wanted = engine.reconstruct(moved, focus)[0], engine.reconstruct(plain, focus)[0]
+    shown, target = engine.reconstruct(moved, focus)[0], engine.reconstruct(plain, focus)[0]
     assert picture.width == 64 and shown.shape == (63, 63, 3)
-    a, b = (each[10:-10, 10:-10].mean((0, 1)) for each in (shown, wanted))
+    a, b = (each[10:-10, 10:-10].mean((0, 1)) for each in (shown, target))
     np.testing.assert_allclose(a, b, rtol=0.03)
     back = engine.at_panel(moved, Optics())
     inner = np.s_[..., 16:-16, 16:-16]

@@ -16,9 +16,9 @@ EXAMPLES = [
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 def test_examples(backend, example):
-    told = []
-    doctest.DocTestRunner().run(example, out=told.append)
-    assert not told, "".join(told)
+    output = []
+    doctest.DocTestRunner().run(example, out=output.append)
+    assert not output, "".join(output)
 
 
 def test_what_users_call_first_has_examples():

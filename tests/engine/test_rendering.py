@@ -47,12 +47,12 @@ def test_emissive_planes(build, camera, small):
 
 @pytest.mark.slow
 def test_half_the_rays_lose_little(build, camera, small):
-    """What is left is a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
+    """Fewer rays fill a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
     settings = engine.Settings(frames=24, planes=1, spp=50)
     field, rows = compare(build.two_planes(build.emissive), camera, small, settings, [0.5, 1.0, 2.0])
     assert field.plan["rays_per_pixel"] <= 50
-    for (depth, picture, reference), least in zip(rows, (25.5, 28, 27), strict=True):
-        assert engine.psnr(picture, reference) >= least, depth
+    for (depth, picture, reference), bound in zip(rows, (25.5, 28, 27), strict=True):
+        assert engine.psnr(picture, reference) >= bound, depth
         assert brightness(picture, reference) == pytest.approx(1, abs=0.02), depth
 
 
@@ -147,7 +147,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
 
 
 def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera):
-    """Of 160 x 160 pixels, some 5,000 speckles: their contrast is known within 1 %."""
+    """An image of 160 x 160 pixels has some 5,000 speckles: their contrast is known within 1 %."""
     hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5))))
     for frames in (1, 8, 24):

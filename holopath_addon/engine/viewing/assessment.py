@@ -168,7 +168,7 @@ class PathTraced:
     max_depth: int
 
     def __call__(self, focus: Sequence[float], pupil: Pupil | None, progress: Progress) -> np.ndarray:
-        """Images at world depths, meters, through a part of the pupil: (focus, half, y, x, wavelength)."""
+        """Images at some depths through a part of the pupil; parameters and result as of `reference`."""
         field = self.field
         return reference(
             self.scene, field.camera, field.hologram, focus, pupil, self.paths, field.near, self.max_depth, progress,

@@ -60,7 +60,14 @@ def far_from(hologram: Hologram) -> float:
 
 
 def picture_pitch(hologram: Hologram, distance: float) -> float:
-    """Pixel pitch in meters of an image at a distance from the SLM, or from the plane of the image `in_air`."""
+    """Pixel pitch of an image at a distance, meters.
+
+    Parameters
+    ----------
+    hologram : Hologram
+    distance : float
+        Distance from the SLM, or behind a lens from the plane of the image `in_air`, meters.
+    """
     if abs(distance) < far_from(hologram):
         return coarsest(hologram.picture.pitch)
     return min(hologram.wavelengths) * abs(distance) / hologram.shorter_side

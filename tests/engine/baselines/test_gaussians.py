@@ -194,14 +194,14 @@ def test_a_dark_surface_hides_what_is_behind(build, camera):
 
 def test_cancel(build, camera):
     scene = build.scene(far=build.plane(1.0, build.emissive(build.grey(1.0))))
-    told = []
+    reports = []
 
     def progress(done, message):
-        told.append((done, message))
+        reports.append((done, message))
         if message == "Gaussians":
             raise engine.Cancelled
 
     with pytest.raises(engine.Cancelled):
         settings = engine.Settings(frames=2, spp=1, method="gaussian")
         engine.render(scene, camera, hologram(), settings, progress=progress)
-    assert told[-1][1] == "Gaussians"
+    assert reports[-1][1] == "Gaussians"

@@ -79,8 +79,8 @@ def test_to_scale(name):
     assert volume[0, 0] - slm[0, 0] == pytest.approx(1e3 * which.depth_far * along, abs=1e-6)
     assert volume[2, 1] - volume[1, 1] == pytest.approx(-side * across)
     words = [text.text for text in drawn.texts]
-    told = next(text for text in words if text.startswith("across at"))
-    ratio = told.split()[2]
+    sentence = next(text for text in words if text.startswith("across at"))
+    ratio = sentence.split()[2]
     ratio = 1 / float(ratio[2:]) if ratio.startswith("1/") else float(ratio)
     assert across / along == pytest.approx(ratio)
     bars = [line.points for line in drawn.lines if line.role == "ink" and line.width == 2.0]
@@ -123,7 +123,7 @@ def test_light_behind_the_slm(name):
 
 @pytest.mark.parametrize("name", ["auto", "half", "rectangle", "picture"])
 def test_the_fourier_plane(name):
-    """As much is open as light passes, and on the same side."""
+    """The open area is that through which light passes, and on the same side."""
     optics, drawn = HOLOGRAMS[name].optics, drawing(HOLOGRAMS[name])
     areas = [
         line.points for line in drawn.lines if line.role == "light" and line.opacity and len(line.points) == 4
