@@ -92,7 +92,7 @@ class AnimationFrames:
         return {unit.name: unit for unit in found}
 
     def _made(self, folder):
-        return stills.made(folder, self._job, self._encode)
+        return stills.is_complete(folder, self._job, self._encode)
 
     def _make(self, number, progress):
         folder = self._folders[number]

@@ -571,7 +571,7 @@ def request_of(args, source, job=None):
         Outputs(args.compare_reference, args.rgbd, args.light_field, args.quilt, args.contact_sheet),
         Origin(args.scene, opened=opened, job=job),
     )
-    return request.of(loaded.scene, loaded.camera, loaded.notes)
+    return request.with_scene(loaded.scene, loaded.camera, loaded.notes)
 
 
 def _render(args):

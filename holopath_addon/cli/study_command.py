@@ -186,7 +186,7 @@ def _unit(out, folder, args, scenes, work, called, say):
                 work.made.append(folder.name)
 
     def done():
-        return studies.failure(out, folder.name) is not None or stills.made(folder, job, args.encode)
+        return studies.failure(out, folder.name) is not None or stills.is_complete(folder, job, args.encode)
 
     return Unit(folder.name, make, done)
 

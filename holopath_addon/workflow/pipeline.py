@@ -16,13 +16,13 @@ from ..engine.waves import libraries
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
-SOON = 2.0  # seconds within which no preview is needed
+MIN_PREVIEW_SECONDS = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
 # Times a draft's foretold seconds that the hologram has to take for a draft to be worth them: where that much is
 # foretold it takes three to five times as long. The default cube takes twice as long, and goes without.
-SEVERAL = 2.5
+MIN_DRAFT_RATIO = 2.5
 COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
-DRAFT_FRAMES = 4  # most
+MAX_DRAFT_FRAMES = 4  # most
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 
@@ -49,7 +49,7 @@ class Result:
     seconds: dict
 
 
-def dioptres_in_view(plan, camera, hologram):
+def diopters_in_view(plan, camera, hologram):
     """Nearest and farthest depth in view, in dioptres; 0 is infinity.
 
     Parameters
@@ -72,14 +72,14 @@ def default_focus(plan, camera, hologram):
     Parameters
     ----------
     plan, camera, hologram
-        See `dioptres_in_view`.
+        See `diopters_in_view`.
 
     Returns
     -------
     list of float
         Nearest first, `math.inf` where the view reaches infinity; fewer where depths coincide.
     """
-    near, far = dioptres_in_view(plan, camera, hologram)
+    near, far = diopters_in_view(plan, camera, hologram)
     depths = []
     for dioptres in (near, (near + far) / 2, far):
         depth = float(f"{1 / dioptres:.3g}") if dioptres > 1e-6 else math.inf
@@ -88,7 +88,7 @@ def default_focus(plan, camera, hologram):
     return depths
 
 
-def centre_depth(scene, camera):
+def center_depth(scene, camera):
     """Depth of what is in the middle of the view, as an autofocus finds it.
 
     Parameters
@@ -210,7 +210,7 @@ def _draft(request, plan):
         settings,
         quality="draft",
         method="full",  # what a draft bakes would serve the hologram, and change it
-        frames=min(settings.frames, DRAFT_FRAMES),
+        frames=min(settings.frames, MAX_DRAFT_FRAMES),
         speckle=None,
         spp=None,
         despeckle=0,
@@ -224,7 +224,7 @@ def _draft(request, plan):
     seconds = sum(stages.values())
     if compiles():
         seconds += COMPILED * (time.monotonic() - started)
-    return _Draft(drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+    return _Draft(drafted, seconds) if MIN_DRAFT_RATIO * seconds <= plan.seconds else None
 
 
 def _drafted(request, draft, depths, progress):
@@ -277,7 +277,7 @@ def compute(request, progress=None, rendered=None, offer=None):
     _check_view(plan, camera, hologram, depths, request.pupil)
     if rendered is None:
         begun = _begun(started, plan)
-        if offer is not None and plan.seconds >= SOON:
+        if offer is not None and plan.seconds >= MIN_PREVIEW_SECONDS:
             begun = _early(request, plan, depths, started, clock, progress, offer)
         encoding = request.encoding
         along = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
@@ -295,7 +295,7 @@ def _depths(request, plan):
     focus, view = request.focus, (request.camera, request.hologram)
     asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, *view)
     if "centre" in asked:
-        centre = centre_depth(request.scene, request.camera) or default_focus(plan, *view)[0]
+        centre = center_depth(request.scene, request.camera) or default_focus(plan, *view)[0]
         asked = [centre if depth == "centre" else depth for depth in asked]
     return list(dict.fromkeys(asked))
 

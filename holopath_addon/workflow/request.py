@@ -50,7 +50,7 @@ class Encoding:
     before: Path | None = None
 
     @property
-    def wanted(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether there are to be phases."""
         return self.method != "none"
 
@@ -122,7 +122,7 @@ class Request:
     hologram : engine.Hologram
     settings : engine.Settings
     focus : sequence of float or 'centre', 'centre', or None
-        World depths of the images, metres; 'centre', alone or among them, is `pipeline.centre_depth`, else the nearest
+        World depths of the images, metres; 'centre', alone or among them, is `pipeline.center_depth`, else the nearest
         surface. Those that coincide give one image. None: `pipeline.default_focus`.
     pupil : engine.Pupil or None
     store : engine.BakeStore or None
@@ -133,7 +133,7 @@ class Request:
     method : str or None
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
     scene : mitsuba.Scene
-        None until it is built, see `of`.
+        None until it is built, see `with_scene`.
     camera : engine.Camera
         That the scene is seen by; None likewise.
     """
@@ -150,7 +150,7 @@ class Request:
     scene: mi.Scene = None  # pyrefly: ignore[bad-assignment]  # until it is built
     camera: engine.Camera = None  # pyrefly: ignore[bad-assignment]
 
-    def of(self, scene: mi.Scene, camera: engine.Camera, notes: Sequence[dict]) -> Request:
+    def with_scene(self, scene: mi.Scene, camera: engine.Camera, notes: Sequence[dict]) -> Request:
         """The same of a scene that was built, and what its exporter approximated or left out."""
         return replace(self, scene=scene, camera=camera, origin=replace(self.origin, notes=list(notes)))
 
@@ -165,7 +165,7 @@ class Request:
         return resolved(self.settings).max_depth
 
     @cached_property
-    def asked(self) -> dict[str, Any]:
+    def inputs(self) -> dict[str, Any]:
         """Everything that decides the result, as the report holds it."""
         from ..engine.scene.fingerprint import scene_digest
 

@@ -91,7 +91,7 @@ def write(
     """
     start, clock = time.perf_counter(), Clock()
     with clock("export"):
-        asked = request.asked
+        asked = request.inputs
     encoding, outputs, origin = request.encoding, request.outputs, request.origin
     work = "files" + ", phases" * encoding.descends + ", extras" * (outputs != Outputs())
     stages = Stages(progress, work)
@@ -107,7 +107,7 @@ def write(
             folder / "reconstruction", output.picture_files(rgb, result.focus, white, request.pupil)
         )
     phase, told = encoded, []
-    if phase is None and encoding.wanted:
+    if phase is None and encoding.is_requested:
         with clock("encoding"):
             phase, told = _encode(request, result.field, stages["phases"], stoppable)
         result.field = replace(result.field, more=None)  # which has done what it was for
@@ -365,8 +365,8 @@ def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Res
     """
     report, rendered, encoded = output.read_report(folder), None, None
     if report and _mapped(folder) is not None:
-        changed = _changes(report, output.plain(request.asked))
-        if request.encoding.wanted and not _PHASES & changed.keys():
+        changed = _changes(report, output.plain(request.inputs))
+        if request.encoding.is_requested and not _PHASES & changed.keys():
             encoded = _whole_hologram(folder)
             if encoded is None:
                 changed["encoded"] = [_NAMES["encoded"]]
@@ -377,7 +377,7 @@ def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Res
             say("done before, skipped")
             return None, report
         if changed.keys() <= _VIEW:
-            rendered = kept(folder)
+            rendered = load_field(folder)
         if rendered is None:
             encoded = None
         names = ", ".join(name for names in changed.values() for name in names)
@@ -385,12 +385,12 @@ def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Res
     with output.output_folder(folder) as part:
         done = write(part, request, progress, export_seconds, rendered, encoded, stoppable=False)
         encoded = Path(folder) / "hologram"
-        if rendered is not None and not request.encoding.wanted and encoded.is_dir():
+        if rendered is not None and not request.encoding.is_requested and encoded.is_dir():
             shutil.copytree(encoded, part / "hologram")  # `holopath encode` made it of the same field
         return done
 
 
-def made(folder, job, encode):
+def is_complete(folder, job, encode):
     """Whether a still's output folder is there, whole, as a job asks for it.
 
     Parameters
@@ -410,7 +410,7 @@ def made(folder, job, encode):
     return encode == "none" or _phases(folder) is not None
 
 
-def kept(folder):
+def load_field(folder):
     """The wave field of an output folder; in memory, as Windows replaces no file that is mapped.
 
     Returns

@@ -22,7 +22,7 @@ def request_of(backend):
 
     scenes = Scenes()
     scene, camera = scenes.two_planes(scenes.emissive), engine.Camera(np.eye(4), FOV)
-    return lambda **words: Request(HOLOGRAM, SETTINGS, [1.0], **words).of(scene, camera, [{"what": "a note"}])
+    return lambda **words: Request(HOLOGRAM, SETTINGS, [1.0], **words).with_scene(scene, camera, [{"what": "a note"}])
 
 
 def test_a_built_request_has_its_scene_and_notes(request_of):
@@ -40,9 +40,9 @@ def test_all_that_is_asked_is_in_the_report(request_of):
         {"outputs": Outputs(light_field=2)},
         {"pupil": engine.Pupil(0.0, 0.0, 1e-3)},
     ]
-    asked = [json.dumps(output.plain(request_of(**each).asked), sort_keys=True) for each in words]
+    asked = [json.dumps(output.plain(request_of(**each).inputs), sort_keys=True) for each in words]
     assert len(set(asked)) == len(words)
-    assert json.dumps(output.plain(request_of().asked), sort_keys=True) == asked[0]
+    assert json.dumps(output.plain(request_of().inputs), sort_keys=True) == asked[0]
 
 
 @pytest.mark.parametrize("method", ["none", "dpac", "sgd"])
