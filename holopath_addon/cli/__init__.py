@@ -293,7 +293,7 @@ def _reconstruct(args):
     target = Path(args.out) if args.out else folder / "reconstruction"
     distances = None if args.focus else args.distances
     files = output.picture_files(rgb, focus, white, pupil, distances)
-    output.write_pictures(target, output.of_phases(files) if args.hologram else files)
+    output.write_pictures(target, output.hologram_files(files) if args.hologram else files)
     progress(1.0, f"Done: {target}")
 
 

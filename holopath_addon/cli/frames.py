@@ -107,7 +107,7 @@ class AnimationFrames:
             request = self._alike(self._request(), at)
             if number in self._before:
                 before = self._folders[self._before[number]] / "hologram"
-                request = replace(request, encoding=replace(request.encoding, before=before))
+                request = replace(request, encoding=replace(request.encoding, previous=before))
             spent = time.perf_counter() - began
             result, report = stills.update(
                 folder,
