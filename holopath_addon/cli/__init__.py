@@ -25,7 +25,7 @@ from . import (
     study_command,
     template_command,
 )
-from .console import Progress, alive, close_line
+from .console import Progress, close_line, heartbeat
 from .options import add_optics, argument, numbers, on_bench
 
 
@@ -51,7 +51,7 @@ def main(argv=None, store=None):
     args = None
     try:
         args = parse(argv, store)
-        with _interruptible(), alive():
+        with _interruptible(), heartbeat():
             args.run(args)
         return failures.DONE
     except SystemExit as stop:
@@ -203,7 +203,7 @@ def _add_modulator(parser):
 
 def _plan(args):
     seconds = render_command.encode_seconds_of(args)
-    source = sources.asked(args)
+    source = sources.open_requested(args)
     loaded, hologram, settings = render_command.load(args, source)
     render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)

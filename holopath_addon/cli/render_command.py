@@ -21,11 +21,11 @@ from ..slm.calibration import fitted_display, measured_levels, response_files
 from ..workflow import lengths, output, stills
 from ..workflow.request import Encoding, Origin, Outputs, Request
 from . import options, sources
-from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
 from .frames import AnimationFrames
 from .options import argument
+from .supervised import WindowProgress, supervised
 
 DEMO_SCENES = ", ".join(f"demo:{name}" for name in DEMOS)
 MOST_VIEWS = 256  # of a quilt
@@ -77,7 +77,7 @@ def add(command, store):
     )
     add_option(render, "frames")
     render.set_defaults(work=_joined)
-    options.removed(
+    options.add_removed(
         render,
         "--divide",
         "One process makes a still: leave out --divide. Several share the frames of --animation and the runs of "
@@ -506,7 +506,7 @@ def load(args, source):
     sources.to_frame(args.at_frame, args.scene, source)
     hologram, settings = (
         hologram_of(args, source.hologram_from(args.camera)),
-        options.asked(args, source.settings),
+        options.settings_of(args, source.settings),
     )
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.picture.width, hologram.picture.height, args.camera)
@@ -576,8 +576,8 @@ def request_of(args, source, job=None):
 
 def _render(args):
     if args.attended:
-        with attended(args.scene):
-            _work(args, Told())
+        with supervised(args.scene):
+            _work(args, WindowProgress())
     else:
         _work(args, Progress(quiet=args.quiet))
 
@@ -591,7 +591,7 @@ def _work(args, progress):
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
-        source = sources.asked(args)
+        source = sources.open_requested(args)
         _say_size(args, source, progress.say)
         progress(0.03, "Exporting the scene")
         request = request_of(args, source)
@@ -651,7 +651,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
     if args.at_frame is not None:
         raise engine.InvalidInput("An animation has frames of its own: leave out --at-frame.")
-    source = sources.asked(args)
+    source = sources.open_requested(args)
     assert isinstance(source, sources.BlenderSource)
     job, told = _job(args, source), set()
 
@@ -667,7 +667,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
         args.frame_range or source.frames,
         source,
         job.digest,
-        options.asked(args, source.settings).method,
+        options.settings_of(args, source.settings).method,
         args.encode,
         args.store,
         lambda: request_of(args, source, job.digest),

@@ -20,7 +20,7 @@ from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
 from ..workflow import failures, output, pipeline
 from .console import Progress
-from .options import argument, listed, numbers, pitch, renamed
+from .options import add_old_name, argument, listed, numbers, pitch
 
 PATIENCE = 30.0  # seconds to wait for a lost device
 
@@ -93,7 +93,7 @@ def add(command):
         metavar="FILE",
         help="focus planes (default with the virtual bench: five over the volume)",
     )
-    renamed(stream, "--planes", "--focus-planes")
+    add_old_name(stream, "--planes", "--focus-planes")
     group(
         "--camera",
         metavar="COMMAND",
@@ -105,7 +105,7 @@ def add(command):
     option("--port", metavar="PORT", help="default: the only one there is")
     option("--baud", type=int, default=BAUD, help="default %(default)s")
     option("--focus-planes", metavar="FILE", help="focus planes, for --plane, --distance and --store")
-    renamed(focus, "--planes", "--focus-planes")
+    add_old_name(focus, "--planes", "--focus-planes")
     what = focus.add_mutually_exclusive_group(required=True)
     what.add_argument("--plane", type=int, metavar="N", help="move to this plane, from 0")
     what.add_argument("--distance", type=float, metavar="MM", help="move between calibrated planes")

@@ -57,7 +57,7 @@ class _Scenes:
         name = args.scene, args.scene_name, args.view_layer, args.run_scripts, args.define
         if name != self._name or (self._moved and args.at_frame is None):
             self._name, self._source = (), None  # before another takes its memory
-            self._source, self._name, self._moved = sources.asked(args), name, False
+            self._source, self._name, self._moved = sources.open_requested(args), name, False
         self._moved |= args.at_frame is not None
         return self._source
 
@@ -108,7 +108,7 @@ def _asked(args):
                 )
             sources.check(study.scene(run))
             asked = words.parse_args([*words_of(study, run), f"--out={folder}"])
-            options.asked(asked, engine.Settings())
+            options.settings_of(asked, engine.Settings())
             render_command.hologram_of(asked, engine.Hologram(512, 512, 8e-6))
             render_command.pupil_of(asked)
         except engine.InvalidInput as error:

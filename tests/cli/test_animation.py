@@ -132,7 +132,7 @@ def test_goes_on_where_it_was_cancelled(moving, renders, tmp_path, capfd):
     renders.cancelled = (2,)
     assert animate(blend, out) == 1
     error = capfd.readouterr().err.splitlines()[-1]
-    assert error.startswith("holopath: Cancelled: the frames that are done are in") and "\n" not in error
+    assert error.startswith("holopath: Canceled: finished frames are in") and "\n" not in error
     assert names(out) == FRAMES[:1]
     assert animate(blend, out) == 0
     assert renders.count == 4 and names(out) == FRAMES

@@ -257,18 +257,18 @@ def test_interrupt(number, method, at, tmp_path):
     process.send_signal(number)
     _, error = process.communicate(timeout=NEVER)
     assert time.monotonic() - sent < SOON
-    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    refused(process.returncode, error, 1, "Canceled: nothing was written")
     assert left_over(tmp_path) == []
 
 
 @pytest.mark.parametrize("over", [False, True])
 def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, monkeypatch):
     """Later it would meet Blender in the middle of its own end."""
-    from holopath_addon.cli import attended
+    from holopath_addon.cli import supervised
 
     ended, calls = threading.Event(), []
     monkeypatch.setattr(
-        attended,
+        supervised,
         "os",
         types.SimpleNamespace(
             name="nt",
@@ -277,14 +277,14 @@ def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, 
         ),
     )
     monkeypatch.setattr(
-        attended, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
+        supervised, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
     )
-    monkeypatch.setattr(attended, "time", types.SimpleNamespace(sleep=lambda _: None))
+    monkeypatch.setattr(supervised, "time", types.SimpleNamespace(sleep=lambda _: None))
 
     def listener():
-        return next(thread for thread in threading.enumerate() if thread.name == "holopath attended")
+        return next(thread for thread in threading.enumerate() if thread.name == "holopath supervised")
 
-    with attended.attended(tmp_path / "scene.blend"):
+    with supervised.supervised(tmp_path / "scene.blend"):
         thread = listener()
         if not over:
             ended.set()
@@ -304,7 +304,7 @@ def test_interrupt_waits_for_blender_to_load(tmp_path):
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     process = start("render", "demo:planes", "--out", tmp_path / "out", env=os.environ | {"PYTHONPATH": path})
     _, error = process.communicate(timeout=NEVER)
-    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    refused(process.returncode, error, 1, "Canceled: nothing was written")
     assert (tmp_path / "whole").exists()  # bpy crashes where its import is torn
     assert not (tmp_path / "out").exists()
 
@@ -315,7 +315,7 @@ def test_interrupt_within_mitsuba(xml, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(engine, "reference", torn)
     words = ["render", str(xml), *SMALL, "--compare-reference", "--out", str(tmp_path / "out")]
-    refused(cli.main(words), capfd.readouterr().err, 1, "Cancelled: nothing was written")
+    refused(cli.main(words), capfd.readouterr().err, 1, "Canceled: nothing was written")
     assert left_over(tmp_path) == []
 
 
@@ -424,7 +424,7 @@ def test_what_cannot_be_encoded_is_refused_before_the_render(xml, tmp_path, capf
 
 def opened(blend, *words):
     args = cli.parse(["render", str(blend), "--out", "out", *words])
-    return sources.asked(args)
+    return sources.open_requested(args)
 
 
 def test_scenes_view_layers_and_scripts_of_a_file(empty_scene, tmp_path):

@@ -153,7 +153,7 @@ def test_a_report_that_is_interrupted_leaves_nothing(where, what, rendered, tmp_
 
 def interrupted(words, folder, left, capsys):
     assert cli.main(words) == 1
-    assert capsys.readouterr().err == "holopath: Cancelled: nothing was written.\n"
+    assert capsys.readouterr().err == "holopath: Canceled: nothing was written.\n"
     assert [path.name for path in folder.iterdir()] == left
 
 

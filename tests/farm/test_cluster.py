@@ -425,7 +425,7 @@ def test_who_interrupts_it_keeps_what_is_done(number, alone, tmp_path):
     assert process.returncode == 1
     lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
     assert lines == [
-        f"holopath: Cancelled: the frames that are done are in {out}, and the same command goes on after them."
+        f"holopath: Canceled: finished frames are in {out}. The same command continues after them."
     ]
     assert "Traceback" not in error
     assert all(name.startswith("frame_") or name in ("job.json", "light") for name in names(out)), names(out)

@@ -232,7 +232,7 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
     path = study("[grid]\nframes = [1, 2, 3]\n")
     assert run(path) == 1
     error = capfd.readouterr().err.splitlines()[-1]
-    assert error.startswith("holopath: Cancelled: the runs that are done are in")
+    assert error.startswith("holopath: Canceled: finished runs are in")
     assert [row["error"] for row in table(tmp_path / "small")] == ["", "", *["This run is not made yet."] * 2]
     assert run(path) == 0
     assert [frames for _, frames in renders.found] == [1, 2, 2, 3]

@@ -335,7 +335,7 @@ def test_interrupted(loops, board, folder, capfd):
         described = capfd.readouterr().err
         assert status == 0 and re.search(r"Done: \d+ shown", described) and "holopath: " not in described
     else:
-        one_line(capfd, status, r"Cancelled: \d+ shown", expected_status=1)
+        one_line(capfd, status, r"Canceled: \d+ shown", expected_status=1)
     shown = [number for number, *_ in board.firmware.shown]
     assert shown == list(range(len(shown))) and len(shown) > 3
 
