@@ -196,7 +196,7 @@ def _container(files, array):
     if isinstance(array, str):
         if len(files) > 1:
             raise engine.InvalidInput(
-                f"Expected an array for each file's role, got {array}. Write --array {roles[0]}={array}, as in amplitude=A,phase=P."
+                f"Expected an array for each role, got {array}. Write for example --array {roles[0]}={array}."
             )
         array = {roles[0]: array}
     return exchange.read_parts(dict(files), array), None

@@ -254,8 +254,8 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         "--stop",
         metavar=STOP_WORDS,
         help="stop in the relay's Fourier plane, for binary and amplitude devices, or to block the zero order: a "
-        "circle of radius R around the carrier, half of the band in a direction, a rectangle around the carrier, or an image "
-        f"of the plane (default: {kept or 'the largest possible circle'})",
+        "circle of radius R around the carrier, half of the band in a direction, a rectangle around the carrier, or an "
+        f"image of the plane (default: {kept or 'the largest possible circle'})",
     )
     parser.add_argument(
         "--lens",
