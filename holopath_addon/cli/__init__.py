@@ -160,8 +160,8 @@ def _parser(store):
         "--distances",
         type=numbers(0, "a list of distances", "millimeters"),
         metavar="MM[,MM..]",
-        help="focus at distances from the SLM instead, or from the plane of the image behind its lens; those far beyond "
-        "the depth volume are in the far field",
+        help="focus at distances from the SLM instead, or from the plane of the image behind its lens; those far "
+        "beyond the depth volume are in the far field",
     )
     reconstruct.add_argument("--out", metavar="DIR", help="output folder (default DIR/reconstruction)")
     add_optics(reconstruct, "that of the stored field or phases")

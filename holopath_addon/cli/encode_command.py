@@ -105,7 +105,7 @@ def add(command, store):
         "--tolerance",
         type=float,
         default=1e-3,
-        metavar="SHARE",
+        metavar="FRACTION",
         help="minimum relative gain of a step; iteration ends below it (default %(default)s)",
     )
     add(

@@ -111,7 +111,7 @@ def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
     assert rows[0] == ["what,where", "value"] and len(rows) > 9 * 13 + 13 + 2 + 1
     (rendered / "wavefield").rename(tmp_path / "aside")
     assert cli.main(["report", str(rendered), "--out", str(tmp_path / "phases.html"), "--quiet"]) == 0
-    assert "come to those of the complex field" not in (tmp_path / "phases.html").read_text()
+    assert "relative to those of the complex field" not in (tmp_path / "phases.html").read_text()
     assert cli.main(["report", str(tmp_path / "aside"), "--out", str(tmp_path / "a.txt")]) == 2
     assert "end its name on .html" in capsys.readouterr().err
     assert cli.main(["report", str(tmp_path / "none")]) == 2
