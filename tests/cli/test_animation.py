@@ -124,7 +124,10 @@ def test_phases_begin_with_the_frame_before(moving, tmp_path, monkeypatch):
 
 def test_frames_before_that_there_are_not(moving, tmp_path, capfd):
     assert animate(moving(), tmp_path / "out", "--encode-start", "before") == 2
-    assert "--encode-start before is for phases of an animation" in capfd.readouterr().err
+    assert (
+        "Expected an animation and a method with gradient descent for --encode-start before"
+        in capfd.readouterr().err
+    )
 
 
 def test_goes_on_where_it_was_cancelled(moving, renders, tmp_path, capfd):
@@ -218,7 +221,7 @@ def test_a_frame_that_cannot_be_rendered_is_named(moving, tmp_path, capfd):
 def test_a_scene_without_animation(words, tmp_path, capfd):
     assert cli.main(["render", "scene.xml", "--out", str(tmp_path / "out"), *words]) == 2
     assert capfd.readouterr().err == (
-        f"holopath: scene.xml has no animation: give a .blend, or leave out {words[0]}.\n"
+        f"holopath: scene.xml has no animation. Give a .blend, or omit {words[0]}.\n"
     )
     assert not (tmp_path / "out").exists()
 

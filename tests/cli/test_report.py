@@ -41,10 +41,10 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
         return {(what, where): float(value) for what, where, value in rows}
 
     right, wrong = map(figures_beside, scenes)
-    assert "is not what the field was rendered of" in capsys.readouterr().err
+    assert "is not the scene of the field" in capsys.readouterr().err
     scenes[0].write_text(scenes[1].read_text())
     assert cli.main(["report", str(out), "--scene"]) == 2
-    assert "has changed since the field was rendered" in capsys.readouterr().err
+    assert "has changed since the render" in capsys.readouterr().err
     assert right.keys() == wrong.keys() and len(right) == 3 * 7 + 13 + 4
     page = (out / "report.html").read_text()
     assert (
@@ -64,8 +64,8 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
     ("words", "says"),
     [
         (["--scene", "none.xml"], "none.xml does not exist"),
-        (["--at-frame", "3"], "add --scene"),
-        (["--scene"], "does not say which scene it is of"),
+        (["--at-frame", "3"], "Expected --scene with --at-frame. Add it"),
+        (["--scene"], "does not name a scene"),
         (["--scene", "0.08.xml", "--at-frame", "3"], "has no frames"),
         (["--scene", "0.08.xml", "--paths", "1"], "2 to 65536 paths"),
     ],

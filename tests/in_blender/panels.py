@@ -362,7 +362,11 @@ def unavailable():
 def drafting(scene):
     """A draft first, however little it saves: it can be refocused, stays after Esc, and gives way to the hologram."""
     pipeline, session = module("workflow.pipeline"), module("operators.session")
-    usual, pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = (pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO), 0.0, 0.0
+    usual, pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = (
+        (pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO),
+        0.0,
+        0.0,
+    )
     gate.close("Draft")
     press(bpy.ops.holopath.render_hologram)
     yield from gate.reached()
