@@ -151,7 +151,9 @@ class Task:
     def built(self):
         """The `Request` with its scene."""
         exported = self.exported
-        return self.request.with_scene(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+        return self.request.with_scene(
+            exported.scene, exported.camera, [note.to_dict() for note in exported.notes]
+        )
 
     def put_away(self):
         """Let go of Mitsuba's scene until it is asked for again."""
