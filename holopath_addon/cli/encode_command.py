@@ -112,7 +112,7 @@ def add(command, store):
         "--max-steps",
         type=int,
         metavar="N",
-        help="maximum number of steps of each stage (default: until the gain is below --tolerance)",
+        help="maximum number of steps of each stage (default: as many as pay off)",
     )
     add_old_name(encode, "--steps", "--max-steps", type=int)
     add("--out", metavar="DIR", help="output folder (default DIR/hologram)")

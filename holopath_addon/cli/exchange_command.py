@@ -53,7 +53,7 @@ def add(command):
         help=f"file to read ({', '.join(exchange.READABLE)}); two files of one field as amplitude=FILE phase=FILE, "
         "intensity=FILE phase=FILE, or real=FILE imaginary=FILE",
     )
-    take.add_argument("--out", required=True, metavar="DIR", help="output folder, which must not exist yet")
+    take.add_argument("--out", required=True, metavar="DIR", help="output folder, new or empty")
     take.add_argument(
         "--array",
         type=argument(_array),

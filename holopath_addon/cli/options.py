@@ -268,7 +268,7 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
     parser.add_argument(
         "--color-scale",
         metavar="S[,S..]",
-        help="magnification error of each wavelength's image, which the hologram compensates "
+        help="magnification of each wavelength's image relative to the intended one, which the hologram compensates "
         f"(default: {kept or '1'})",
     )
     parser.add_argument(
