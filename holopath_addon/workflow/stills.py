@@ -5,6 +5,7 @@ import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -151,7 +152,7 @@ def _report(still, inputs, notes):
     """Entries of the report that do not depend on further outputs."""
     origin, plan, result = still.request.origin, still.result.plan, still.result
     found = result.field.report
-    report = {
+    report: dict[str, Any] = {
         "scene": origin.name,
         "scene_path": os.path.abspath(origin.name) if os.path.isfile(origin.name) else None,
         "opened": origin.opened,
