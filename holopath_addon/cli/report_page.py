@@ -210,8 +210,8 @@ def write(page, folder, field, sections, rows):
     )
     body = "".join(f"<h2>{title}</h2>{text}" for title, text in sections)
     name = html.escape(folder.resolve().name)
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([("what", "where", "value"), *rows])
+    rows_file = io.StringIO()
+    csv.writer(rows_file, lineterminator="\n").writerows([("what", "where", "value"), *rows])
     text = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
@@ -219,7 +219,7 @@ def write(page, folder, field, sections, rows):
         f"<p><small>All figures: {html.escape(page.with_suffix('.csv').name)}</small></p></body></html>\n"
     )
     files = {
-        page.with_suffix(".csv").name: table.getvalue().encode(),
+        page.with_suffix(".csv").name: rows_file.getvalue().encode(),
         page.name: text.encode("ascii", "xmlcharrefreplace"),
     }
     output.write_pictures(page.parent, files)
