@@ -92,7 +92,7 @@ def left_over(folder):
         (["{xml}", "--depth-range", "15,10"], "depth range"),
         (["{xml}", "--depth-range", "15"], "FAR,NEAR"),
         (["{xml}", "--near", "-1"], "near end"),
-        (["{xml}", "--wrp", "middle"], "Expected auto or a whole number, got 'middle'"),
+        (["{xml}", "--wrp", "middle"], "Expected auto or a distance in millimeters, got 'middle'"),
         (["{xml}", "--focus", "-1m"], "in front of the camera, got -1m"),
         (["{xml}", "--focus", "0.5m,soon"], "Expected a distance, got 'soon'"),
         (["{xml}", "--pupil", "-1,0,0"], "pupil"),
