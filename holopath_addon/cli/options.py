@@ -121,7 +121,7 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, new: str, **words) -
     class OldName(argparse.Action):
         def __call__(self, parser, args, value, option=None):
             print(
-                f"holopath: {old} has a new name, {new}. The next version will not accept the old one.",
+                f"holopath: {old} is called {new} now. The next version will not accept the old name.",
                 file=sys.stderr,
             )
             setattr(args, self.dest, value)
