@@ -89,7 +89,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
             self.report({"INFO"}, f"{folder.name}: {text}")
 
         result, _ = stills.update(folder, request, progress, export_seconds, say)
-        return result or pipeline.compute(request, progress, stills.kept(folder))
+        return result or pipeline.compute(request, progress, stills.load_field(folder))
 
     def view_update(self, context: bpy.types.Context, depsgraph):
         """Called by Blender when its scene has changed; `viewport` listens for itself."""

@@ -134,7 +134,7 @@ class Background:
             self.ended = True
 
     def _hear(self, line):
-        """A line of `cli.attended`, the sentence of a failure, or what Blender prints."""
+        """A line of `cli.supervised`, the sentence of a failure, or what Blender prints."""
         if line.startswith("holopath: "):
             if not self.canceled:
                 self.error = line.removeprefix("holopath: ")
@@ -260,10 +260,10 @@ def _opened(scene, view_layer):
 
 def _copied(folder, name):
     """The file as it is now, in a hidden folder with its baked simulations, which Blender looks for beside it."""
-    from ..cli.attended import COPY  # with all commands: not before one is wanted
+    from ..cli.supervised import COPY_PREFIX  # with all commands: not before one is wanted
 
     folder.mkdir(parents=True, exist_ok=True)
-    own = Path(tempfile.mkdtemp(prefix=COPY, dir=folder))
+    own = Path(tempfile.mkdtemp(prefix=COPY_PREFIX, dir=folder))
     copy = own / name
     baked = f"blendcache_{copy.stem}"
     try:

@@ -151,7 +151,9 @@ class Task:
     def built(self):
         """The `Request` with its scene."""
         exported = self.exported
-        return self.request.of(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+        return self.request.with_scene(
+            exported.scene, exported.camera, [note.to_dict() for note in exported.notes]
+        )
 
     def put_away(self):
         """Let go of Mitsuba's scene until it is asked for again."""
@@ -241,7 +243,7 @@ def keep(task, result, draft=False):
     current.task, current.made = task, result.plan
     keep_phase(None)
     current.rendered, current.pace = task.reading.name, math.inf
-    current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
+    current.in_view = pipeline.diopters_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:
         current.bake, current.texture, current.baked = field.report["bake"], None, current.rendered

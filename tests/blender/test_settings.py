@@ -48,12 +48,12 @@ def words(name, declared):
 def test_words_set_them(name):
     word, value = words(name, DECLARED[name])
     args = parse("scene.xml", options.flag(name), word)
-    assert options.asked(args, Settings()) == Settings(**{name: value})
+    assert options.settings_of(args, Settings()) == Settings(**{name: value})
 
 
 def test_one_takes_the_place_of_another():
     def settings(*words):
-        return options.asked(parse("scene.xml", *words), Settings(speckle=0.3, spp=9))
+        return options.settings_of(parse("scene.xml", *words), Settings(speckle=0.3, spp=9))
 
     assert settings("--frames", "4") == Settings(frames=4, spp=9)
     assert settings("--quality", "preview") == Settings(quality="preview", speckle=0.3)
@@ -117,7 +117,7 @@ def test_what_the_version_before_called_otherwise(capsys):
     with pytest.warns(DeprecationWarning, match="quality full is called high now"):
         assert Settings(quality="full") == Settings(quality="high")
     args = parse("scene.xml", "--quality", "full")
-    assert options.asked(args, Settings()).quality == "high"
+    assert options.settings_of(args, Settings()).quality == "high"
     assert "The quality full is called high now" in capsys.readouterr().err
     parser = cli._parser(engine.BakeStore.default())
     assert parser.parse_args(["encode", "out", "--planes", "3"]).compared_planes == 3

@@ -129,7 +129,7 @@ def test_a_beam_on_the_command_line(folder, tmp_path, capsys):
     for words, says in (
         ([*encode, "--beam", "gaussian:0.01,3,0"], "passes the panel"),
         ([*encode, "--beam", "tilt:9,0"], "Tilt or focus it less"),
-        (["reconstruct", str(folder), "--focus", "1.2", "--beam", "flat"], "add --hologram"),
+        (["reconstruct", str(folder), "--focus", "1.2", "--beam", "flat"], "Add --hologram"),
     ):
         assert cli.main(words) == 2
         assert says in capsys.readouterr().err
@@ -204,7 +204,7 @@ def test_colors_of_a_calibration(folder, tmp_path, capsys):
     for words, says in (
         (
             ["--color-scale", "1.1"],
-            "--colors-from says where colors lie, and so does --color-scale: leave out either",
+            "Expected either --colors-from or --color-scale, got both. Omit one of them",
         ),
         (["--colors-from", str(tmp_path / "no.json")], "no.json cannot be read"),
     ):

@@ -362,7 +362,11 @@ def unavailable():
 def drafting(scene):
     """A draft first, however little it saves: it can be refocused, stays after Esc, and gives way to the hologram."""
     pipeline, session = module("workflow.pipeline"), module("operators.session")
-    usual, pipeline.SOON, pipeline.SEVERAL = (pipeline.SOON, pipeline.SEVERAL), 0.0, 0.0
+    usual, pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = (
+        (pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO),
+        0.0,
+        0.0,
+    )
     gate.close("Draft")
     press(bpy.ops.holopath.render_hologram)
     yield from gate.reached()
@@ -388,7 +392,7 @@ def drafting(scene):
     yield from over()
     assert session.current.field is not draft and not session.current.draft
     assert scene.holopath.focus == 2.0
-    pipeline.SOON, pipeline.SEVERAL = usual
+    pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = usual
 
 
 def picture():

@@ -13,7 +13,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.blender import preferences
-from holopath_addon.cli.attended import COPY
+from holopath_addon.cli.supervised import COPY_PREFIX
 from holopath_addon.farm import processes
 from holopath_addon.operators import background
 from holopath_addon.ui import sections
@@ -205,7 +205,7 @@ def test_the_copy_finds_what_the_file_finds(moving, tmp_path):
     (tmp_path / "blendcache_scene" / "0_01.bphys").write_text("baked")
     copy = background._copied(tmp_path / "a" / "b", file.name)
     assert background._whole(copy)
-    assert copy.parent.name.startswith(COPY)
+    assert copy.parent.name.startswith(COPY_PREFIX)
     assert (copy.parent / "blendcache_scene" / "0_01.bphys").read_text() == "baked"
     assert (bpy.data.filepath, image.filepath) == (str(file), "//texture.png")
     bpy.ops.wm.open_mainfile(filepath=str(copy))
@@ -281,7 +281,7 @@ def test_environment(addon, monkeypatch):
 @pytest.mark.parametrize("killed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_ends_with_its_input(tmp_path, killed):
     """Where the other end is closed, or whoever held it is killed; the copy of the scene goes, whole frames stay."""
-    copy, out = tmp_path / f"{COPY}x" / "scene.blend", tmp_path / "out"
+    copy, out = tmp_path / f"{COPY_PREFIX}x" / "scene.blend", tmp_path / "out"
     copy.parent.mkdir()
     bpy.ops.wm.read_factory_settings()
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True)
@@ -307,7 +307,7 @@ def test_ends_with_its_input(tmp_path, killed):
         process.kill()
     else:
         process.stdin.close()
-        assert "holopath: Cancelled: the frames that are done are in" in lines.read()
+        assert "holopath: Canceled: finished frames are in" in lines.read()
     process.wait(NEVER)
     until(lambda: not processes.start_time(pid))
     assert not copy.parent.exists()

@@ -12,8 +12,8 @@ from holopath_addon.workflow import pipeline
 @pytest.fixture
 def eager(monkeypatch):
     """Drafts however little they save."""
-    monkeypatch.setattr(pipeline, "SOON", 0.0)
-    monkeypatch.setattr(pipeline, "SEVERAL", 0.0)
+    monkeypatch.setattr(pipeline, "MIN_PREVIEW_SECONDS", 0.0)
+    monkeypatch.setattr(pipeline, "MIN_DRAFT_RATIO", 0.0)
 
 
 def task_of(scene):
@@ -53,7 +53,7 @@ def test_the_hologram_is_the_same_with_a_draft(lit, eager, monkeypatch, tmp_path
     np.testing.assert_array_equal(result.images, plain.images)
     *lens, (early, draft) = offered
     assert lens and all(of is None for _, of in lens)
-    assert len(draft.field.data) == pipeline.DRAFT_FRAMES and draft.focus == result.focus
+    assert len(draft.field.data) == pipeline.MAX_DRAFT_FRAMES and draft.focus == result.focus
     assert draft.field.data.shape[1:] == result.field.data.shape[1:]
     np.testing.assert_array_equal(early, draft.images[0])
     shares = [done for done, _ in told]
@@ -86,7 +86,7 @@ def test_no_draft_of_drafts_and_other_methods(scene, eager, settings):
 def test_no_draft_where_it_would_take_much_of_the_time(scene, eager, monkeypatch):
     draft, plan = drafted(scene), task_of(scene).plan(lambda *_: None)
     assert 0 < draft.seconds < plan.seconds
-    monkeypatch.setattr(pipeline, "SEVERAL", 1e6)
+    monkeypatch.setattr(pipeline, "MIN_DRAFT_RATIO", 1e6)
     assert drafted(scene) is None
 
 
