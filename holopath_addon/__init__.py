@@ -9,7 +9,7 @@ llvm_package.name()  # before anybody imports Mitsuba
 
 
 def register():
-    """Register everything with Blender; if one part fails, none stays."""
+    """Register everything with Blender; if one part fails, the others are unregistered."""
     from .blender import registration
 
     registration.register()

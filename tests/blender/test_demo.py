@@ -15,7 +15,7 @@ from tests.patience import NEVER  # noqa: E402
 
 
 def depths(exported, x, y):
-    """Depth along the camera's axis at places of the view, in fractions of its width from the centre."""
+    """Depth along the camera's axis at places of the view, in fractions of its width from the center."""
     import mitsuba as mi
 
     camera = exported.camera

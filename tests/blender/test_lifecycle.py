@@ -166,7 +166,7 @@ CYCLES = """
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs glibc's mallinfo2")
-def test_memory_after_200_cycles_of_enabling_cancelling_and_disabling(tmp_path):
+def test_memory_after_200_cycles_of_enabling_canceling_and_disabling(tmp_path):
     programs = tmp_path / "programs"
     programs.mkdir()
     told = run(CYCLES, tmp_path / "blender", ROOT, 200, DRJIT_CACHE_DIR=str(programs))
@@ -182,19 +182,19 @@ def test_memory_after_200_cycles_of_enabling_cancelling_and_disabling(tmp_path):
 
 
 @pytest.mark.parametrize("half", [0.01, 0.2, 0.8])
-def test_a_cancelled_job_lets_go_of_its_scene(scene, half):
+def test_a_canceled_job_lets_go_of_its_scene(scene, half):
     from holopath_addon import engine
     from holopath_addon.operators import session
     from holopath_addon.operators.jobs import Job
 
-    class Cancelling(Job):
+    class Canceling(Job):
         def _progress(self, done, message):
             if done >= half:
                 self.cancel()
             super()._progress(done, message)
 
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
-    job, seen = Cancelling(task.compute), weakref.ref(task)
+    job, seen = Canceling(task.compute), weakref.ref(task)
     gc.collect()
     gc.disable()  # memory is needed sooner than Python looks for cycles
     try:

@@ -278,19 +278,19 @@ def test_the_sketch_in_the_viewport(scene, monkeypatch):
     space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True), show_region_ui=True)
     tab = SimpleNamespace(type="UI", active_panel_category="HoloPath")
     context = SimpleNamespace(scene=scene, space_data=space, area=SimpleNamespace(regions=[tab]))
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
     scene.holopath.show_bench, scene.holopath.optics.carrier = True, "auto"
     hologram = properties.hologram_of(scene.holopath)
-    assert bench_overlay.wanted(context) == hologram
+    assert bench_overlay.visible_hologram(context) == hologram
     for thing, name, value in (
         (tab, "active_panel_category", "View"),
         (space.overlay, "show_overlays", False),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(thing, name, value)
-            assert bench_overlay.wanted(context) is None
+            assert bench_overlay.visible_hologram(context) is None
     scene.holopath.optics.beam = "measured"
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
 
     drawing = bench_overlay.sketch(hologram, 720.0, 1.0)
     areas, lines = bench_overlay.pieces(drawing, 1.0)

@@ -246,8 +246,8 @@ def test_settings_survive_a_file(settings, tmp_path):
         for prop in inner.bl_rna.properties:
             if prop.identifier not in GROUPS:
                 setattr(inner, prop.identifier, other(inner, prop))
-    for metres in (0.5, properties.LARGEST_FOCUS):
-        settings.focus_list.add().focus = metres
+    for meters in (0.5, properties.MAX_FOCUS):
+        settings.focus_list.add().focus = meters
     values = held(settings)
     same = {name for name in values if values[name] == before[name]}
     assert same <= {"focus_infinity"}, "not tried"
@@ -287,8 +287,8 @@ def test_files_of_other_versions(settings, tmp_path):
 
 def test_focus_list(settings):
     assert properties.focus_list_of(settings) == [1.0]
-    for metres in (2.0, math.inf, 0.5, 2.0):
-        properties.set_focus(settings.focus_list.add(), metres)
+    for meters in (2.0, math.inf, 0.5, 2.0):
+        properties.set_focus(settings.focus_list.add(), meters)
     assert properties.focus_list_of(settings) == [2.0, math.inf, 0.5]
     item = settings.focus_list[0]
     item.focus_dioptres = 4.0

@@ -29,8 +29,8 @@ def test_a_free_view_is_the_camera_that_sees_the_same(scene):
 
 
 def test_refining(scene, monkeypatch):
-    """Coarse first, then as large as wanted, then better, up to the limit; cancelled at once."""
-    monkeypatch.setattr(viewport, "SAMPLES", 8)
+    """Coarse first, then as large as wanted, then better, up to the limit; canceled at once."""
+    monkeypatch.setattr(viewport, "MAX_SAMPLES", 8)
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (160, 120))
     view = viewport.RegionView(exported.camera, (160, 120), (0, 0, 160, 120), 8)
     previews = []

@@ -123,9 +123,9 @@ def watch_all():
     there |= {watch(cls, "draw_header_preset") for cls in panels.CLASSES if "draw_header_preset" in vars(cls)}
 
     rows = bpy.types.HOLOPATH_UL_focus
-    draw_item, wanted, add_menu = rows.draw_item, overlay._wanted, menus._add_menu
+    draw_item, wanted, add_menu = rows.draw_item, overlay._visible_outlines, menus._add_menu
     bench = module("ui.bench_overlay")
-    wanted_bench = bench.wanted
+    wanted_bench = bench.visible_hologram
 
     def watched_item(self, context, layout, data, item, icon, active_data, active_property, index):
         with noted(rows.__name__):
@@ -143,7 +143,11 @@ def watch_all():
         with noted("sketch"):
             return wanted_bench(context)
 
-    rows.draw_item, overlay._wanted, bench.wanted = watched_item, watched_overlay, watched_bench
+    rows.draw_item, overlay._visible_outlines, bench.visible_hologram = (
+        watched_item,
+        watched_overlay,
+        watched_bench,
+    )
     menus.remove_from_menus()
     menus._add_menu = watched_menu
     menus.add_to_menus()
@@ -224,8 +228,8 @@ class Gate:
         progress = job._progress
 
         def held(self, done, message):
-            if self.cancelling:
-                gate._hold("cancelling")
+            if self.canceling:
+                gate._hold("canceling")
             progress(self, done, message)
             if self is module("operators.session").current.job:
                 gate.reports.append(done)
@@ -354,7 +358,9 @@ def unavailable():
     """The preferences choose a graphics card where there is none."""
     preferences = bpy.context.preferences.addons[ADDON].preferences
     preferences.backend = "cuda_ad_rgb"
-    assert module("blender.preferences").missing(), "this machine has a graphics card: name none to this test"
+    assert module("blender.preferences").backend_problem(), (
+        "this machine has a graphics card: name none to this test"
+    )
     yield from all_drawn("Mitsuba unavailable")
     preferences.backend = "AUTO"
 
@@ -375,14 +381,14 @@ def drafting(scene):
     assert at_work()
     draft, before = session.current.field, picture()
     scene.holopath.focus = 2.0
-    yield from until(lambda: not session.refocusing(), "the draft is not refocused")
+    yield from until(lambda: not session.is_refocusing(), "the draft is not refocused")
     assert picture() != before
     key("ESC")
-    yield from until(lambda: session.current.job.cancelling, "Esc does nothing")
+    yield from until(lambda: session.current.job.canceling, "Esc does nothing")
     gate.open()
     yield from over()
     assert session.current.field is draft and session.current.draft and not session.current.error
-    yield from until(lambda: not session.refocusing(), "its picture does not come back")
+    yield from until(lambda: not session.is_refocusing(), "its picture does not come back")
     yield from all_drawn("the draft stays")
     press(bpy.ops.holopath.render_hologram)
     yield from over()
@@ -418,7 +424,7 @@ def estimating(scene):
 
 
 def rendering(scene):
-    """Held at its stages; cancelled, and once more to the end."""
+    """Held at its stages; canceled, and once more to the end."""
     scene.holopath.method = "full"
     gate.close("Building the scene")
     press(bpy.ops.holopath.render_hologram)
@@ -430,13 +436,13 @@ def rendering(scene):
     yield from all_drawn("rendering")
     assert at_work()
     press(bpy.ops.holopath.cancel)
-    gate.close("cancelling")
+    gate.close("canceling")
     yield from gate.reached()
-    yield from all_drawn("cancelling")
-    assert at_work() and module("operators.session").current.job.cancelling
+    yield from all_drawn("canceling")
+    assert at_work() and module("operators.session").current.job.canceling
     gate.open()
     yield from over()
-    yield from all_drawn("cancelled")
+    yield from all_drawn("canceled")
     press(bpy.ops.holopath.render_hologram)
     yield from over()
     assert not module("operators.session").current.error
@@ -448,9 +454,9 @@ def looking(scene):
     session, props = module("operators.session"), scene.holopath
     press(bpy.ops.holopath.sweep)
     yield from all_drawn("playing")
-    assert session.current.sweep is not None
+    assert session.current.sweep_timer is not None
     press(bpy.ops.holopath.sweep)
-    yield from until(lambda: not session.refocusing(), "it plays on")
+    yield from until(lambda: not session.is_refocusing(), "it plays on")
     props.pupil_offset_mm, props.use_pupil = (900.0, 0.0), True
     yield from until(lambda: session.current.error, "no error")
     yield from all_drawn("an error")

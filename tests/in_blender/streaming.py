@@ -64,10 +64,10 @@ def steps():
     session.keep_phase(hologram)
     device = bpy.context.scene.holopath.device
     press(bpy.ops.holopath.find_devices)
-    found = module("blender.device_properties").found
+    found = module("blender.device_properties").found_devices
     yield from until(lambda: "monitors" in found, 20, "no devices found")
     result["monitors"] = found.pop("monitors")
-    module("operators.streaming").SHOWN = 0.5
+    module("operators.streaming").NUMBER_SECONDS = 0.5
     press(bpy.ops.holopath.identify_monitors)
     yield from until(lambda: "monitors" in found, 20, "no numbers are shown")
     result["identified"] = found["monitors"]

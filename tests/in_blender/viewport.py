@@ -100,16 +100,16 @@ def seen(before=None):
                 return found
 
 
-def coarse(colour):
+def coarse(color):
     """Means of 16 x 16 pixels, with little noise."""
-    rows, columns = (n // 16 * 16 for n in colour.shape[:2])
-    return colour[:rows, :columns].reshape(rows // 16, 16, columns // 16, 16, 3).mean((1, 3))
+    rows, columns = (n // 16 * 16 for n in color.shape[:2])
+    return color[:rows, :columns].reshape(rows // 16, 16, columns // 16, 16, 3).mean((1, 3))
 
 
-def cube(colour):
-    """Where the cube is: centre of what differs from the grey world, as parts of the width and the height."""
-    colour = coarse(colour)
-    there = abs(colour - colour[0, 0]).max(axis=2) > 0.02
+def cube(color):
+    """Where the cube is: center of what differs from the gray world, as parts of the width and the height."""
+    color = coarse(color)
+    there = abs(color - color[0, 0]).max(axis=2) > 0.02
     rows, columns = np.nonzero(there)
     return [float(columns.mean() / there.shape[1]), float(rows.mean() / there.shape[0])]
 
@@ -128,7 +128,7 @@ def steps():
     scene.render.engine = "HOLOPATH"
     call(bpy.ops.ed.undo_push, message="Engine")
     viewport = module("blender.viewport")
-    viewport.SAMPLES = 16
+    viewport.MAX_SAMPLES = 16
     read = viewport.Viewport.read
     viewport.Viewport.read = lambda self: (exports.append(time.monotonic()), read(self))
     yield
@@ -164,8 +164,8 @@ def steps():
     tree.links.new(noise.outputs["Color"], principled.inputs["Base Color"])
     count, before = len(exports), picture()[0]
     baked = yield from seen(before)
-    colours = baked[baked.shape[0] // 2 - 10 :, baked.shape[1] // 2 + 5 :][:20, :20]
-    result["colourful"] = float(np.ptp(colours, axis=2).mean() / colours.mean())
+    colors = baked[baked.shape[0] // 2 - 10 :, baked.shape[1] // 2 + 5 :][:20, :20]
+    result["colorful"] = float(np.ptp(colors, axis=2).mean() / colors.mean())
     for _ in range(8):
         yield
     result["exports_by_bake"] = len(exports) - count

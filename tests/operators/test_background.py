@@ -154,10 +154,10 @@ def test_panel_while_the_light_is_made(moving):
     layout = panel(moving)
     assert layout.all("progress", "text") == ["Light of 250 Frames"]
     assert "Baking light in view…" in layout.words and work.finished == 0 and work.remaining is None
-    began = work._begun[0]
-    work._hear(told(0.0, "Light: Baking light in view"))
-    assert work._begun[0] > began
-    work._hear(told(0.5 / 250, "Frame 1: Radiance"))
+    began = work._first_report[0]
+    work._read_line(told(0.0, "Light: Baking light in view"))
+    assert work._first_report[0] > began
+    work._read_line(told(0.5 / 250, "Frame 1: Radiance"))
     assert panel(moving).all("progress", "text")[0].startswith("Frame 1 of 250, ")
     bpy.ops.holopath.cancel_animation()
     assert work.wait(NEVER)
@@ -203,15 +203,15 @@ def test_the_copy_finds_what_the_file_finds(moving, tmp_path):
     image.filepath = "//texture.png"
     (tmp_path / "blendcache_scene").mkdir()
     (tmp_path / "blendcache_scene" / "0_01.bphys").write_text("baked")
-    copy = background._copied(tmp_path / "a" / "b", file.name)
-    assert background._whole(copy)
+    copy = background._save_copy(tmp_path / "a" / "b", file.name)
+    assert background._is_whole(copy)
     assert copy.parent.name.startswith(COPY)
     assert (copy.parent / "blendcache_scene" / "0_01.bphys").read_text() == "baked"
     assert (bpy.data.filepath, image.filepath) == (str(file), "//texture.png")
     bpy.ops.wm.open_mainfile(filepath=str(copy))
     assert Path(bpy.path.abspath(bpy.data.images["Texture"].filepath)).resolve() == tmp_path / "texture.png"
     os.truncate(copy, copy.stat().st_size - 1000)
-    assert not background._whole(copy)
+    assert not background._is_whole(copy)
     background._remove(copy)
     assert not (tmp_path / "a" / "b").exists()
 
@@ -268,7 +268,7 @@ def test_command(addon, monkeypatch, tmp_path):
 
 def test_environment(addon, monkeypatch):
     """Computes as this Blender does."""
-    monkeypatch.setattr(preferences, "wanted", lambda: "llvm_ad_rgb")
+    monkeypatch.setattr(preferences, "chosen_backend", lambda: "llvm_ad_rgb")
     found = preferences.environment()
     assert found["HOLOPATH_BACKEND"] == "llvm_ad_rgb" and found["DRJIT_CACHE_DIR"]
     assert found["HOLOPATH_CACHE"] == str(preferences.store().folder)

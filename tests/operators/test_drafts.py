@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.blender import properties
 from holopath_addon.operators import session
 from holopath_addon.workflow import pipeline
 
@@ -72,7 +73,7 @@ def test_a_draft_shows_the_scene(lit, eager):
 def drafted(scene):
     """The draft that a plan of the scene has, or None."""
     task = task_of(scene)
-    return pipeline._draft(task.built, task.plan(lambda *_: None))
+    return pipeline._draft(task.full_request, task.plan(lambda *_: None))
 
 
 @pytest.mark.parametrize("settings", [{"quality": "draft"}, {"method": "direct"}, {"method": "point"}])
@@ -108,20 +109,20 @@ def early(scene, eager):
     """A draft as the window has it, its task and the whole hologram."""
     task = task_of(scene)
     offered, _, result = watched(task)
-    session.show_early(scene.holopath, offered[0][0], task)
+    session.show_preview(scene.holopath, offered[0][0], task)
     assert session.current.field is None
     return task, offered[-1], result
 
 
 def test_a_draft_can_be_refocused_until_there_is_better(scene, eager):
     task, (picture_of_it, draft), result = early(scene, eager)
-    session.show_early(scene.holopath, picture_of_it, task, draft)
+    session.show_preview(scene.holopath, picture_of_it, task, draft)
     assert session.current.field is draft.field and session.current.draft
     assert scene.holopath.focus == pytest.approx(draft.focus[0]) and scene.holopath.focus_auto
     np.testing.assert_allclose(picture(), picture_of_it, rtol=1e-5)
     scene.holopath.focus = 2.0
     np.testing.assert_allclose(picture(), engine.reconstruct(draft.field, [2.0])[0], rtol=1e-5)
-    session.keep_shown(scene.holopath, task, result)
+    session.keep_and_show(scene.holopath, task, result)
     assert session.current.field is result.field and not session.current.draft
     assert scene.holopath.focus == 2.0  # the user's
     np.testing.assert_allclose(picture(), engine.reconstruct(result.field, [2.0])[0], rtol=1e-5)
@@ -132,11 +133,11 @@ def test_a_draft_takes_no_holograms_place(scene, eager):
     field = session.current.field
     task = task_of(scene)
     offered, _, _ = watched(task)
-    session.show_early(scene.holopath, *offered[-1][:1], task, offered[-1][1])
+    session.show_preview(scene.holopath, *offered[-1][:1], task, offered[-1][1])
     assert session.current.field is field and not session.current.draft
     np.testing.assert_allclose(picture(), offered[-1][0], rtol=1e-5)  # but it is seen
-    session.show_again()
+    session.restore_picture()
     scene.holopath.focus_auto = True
     np.testing.assert_allclose(
-        picture(), engine.reconstruct(field, [session.properties.focus_of(scene.holopath)])[0], rtol=1e-5
+        picture(), engine.reconstruct(field, [properties.focus_of(scene.holopath)])[0], rtol=1e-5
     )

@@ -13,17 +13,17 @@ from tests.patience import NEVER
 
 def serve_until_over(job):
     while job.running:
-        job.serve()
+        job.answer_query()
         time.sleep(0.01)
 
 
 def test_a_question_is_answered_by_whoever_serves():
-    job = Job(lambda progress: (threading.current_thread(), job.ask(threading.current_thread)))
+    job = Job(lambda progress: (threading.current_thread(), job.query(threading.current_thread)))
     job.start()
     serve_until_over(job)
     worker, server = job.result
     assert server is threading.main_thread() and worker is not server
-    job = Job(lambda progress: job.ask(threading.current_thread))  # without a thread of its own
+    job = Job(lambda progress: job.query(threading.current_thread))  # without a thread of its own
     job.run()
     assert job.result is threading.main_thread()
 
@@ -32,14 +32,14 @@ def test_an_error_in_the_answer_is_the_works():
     def refuse():
         raise engine.InvalidInput("No.")
 
-    job = Job(lambda progress: job.ask(refuse))
+    job = Job(lambda progress: job.query(refuse))
     job.start()
     serve_until_over(job)
     assert isinstance(job.error, engine.InvalidInput)
 
 
-def test_nobody_need_answer_a_cancelled_job():
-    job = Job(lambda progress: job.ask(lambda: None))
+def test_nobody_need_answer_a_canceled_job():
+    job = Job(lambda progress: job.query(lambda: None))
     job.start()
     job.cancel()
     assert job.wait(NEVER) and isinstance(job.error, engine.Cancelled)
@@ -47,10 +47,10 @@ def test_nobody_need_answer_a_cancelled_job():
 
 def test_pictures_are_taken_once():
     job = Job(lambda progress: None)
-    assert job.take() is None
+    assert job.take_offer() is None
     job.offer("first")
     job.offer("second")
-    assert job.take() == "second" and job.take() is None
+    assert job.take_offer() == "second" and job.take_offer() is None
 
 
 def test_compiling_is_told_while_it_happens(backend):

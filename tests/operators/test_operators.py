@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine, slm
-from holopath_addon.blender import preferences
+from holopath_addon.blender import preferences, properties
 from holopath_addon.engine import rendering
 from holopath_addon.engine.waves import libraries
 from holopath_addon.operators import session
@@ -28,7 +28,7 @@ def test_render_and_refocus(scene):
     assert field.data.shape == (4, 3, 64, 64)
     assert scene.holopath.focus == pytest.approx(0.5, rel=0.02) and scene.holopath.focus_auto
     near = picture()
-    expected = engine.reconstruct(field, [session.properties.focus_of(scene.holopath)])[0]
+    expected = engine.reconstruct(field, [properties.focus_of(scene.holopath)])[0]
     np.testing.assert_allclose(near[..., :3], expected, rtol=1e-5)
     assert (near[..., 3] == 1).all()
     assert near[36, 32, 0] > 0.2 > near[2, 2, 0]  # the triangle, the wall
@@ -230,12 +230,12 @@ def test_ending_takes_back_what_an_operator_changed(scene):
     def undo():
         undone.append(True)
 
-    session.current.leave = undo
+    session.current.restore_window = undo
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert undone == [True] and session.current.leave is None
-    session.current.leave = undo
+    assert undone == [True] and session.current.restore_window is None
+    session.current.restore_window = undo
     session.detach()
-    assert bpy.app.timers.is_registered(undo) and session.current.leave is None
+    assert bpy.app.timers.is_registered(undo) and session.current.restore_window is None
     bpy.app.timers.unregister(undo)
 
 
@@ -264,10 +264,10 @@ def test_work_for_the_main_thread(monkeypatch):
 
     from holopath_addon.operators import jobs
 
-    monkeypatch.setattr(jobs, "PATIENCE", 0.05)
-    assert jobs.on_main_thread(threading.current_thread) is threading.main_thread()
+    monkeypatch.setattr(jobs, "MAIN_THREAD_TIMEOUT", 0.05)
+    assert jobs.run_on_main_thread(threading.current_thread) is threading.main_thread()
     found = []
-    thread = threading.Thread(target=lambda: found.append(jobs.on_main_thread(threading.current_thread)))
+    thread = threading.Thread(target=lambda: found.append(jobs.run_on_main_thread(threading.current_thread)))
     thread.start()
     thread.join(NEVER)
     assert found == [thread]
@@ -278,7 +278,7 @@ def test_work_for_the_main_thread(monkeypatch):
 
     def expect():
         with pytest.raises(ValueError, match="no"):
-            jobs.on_main_thread(fail)
+            jobs.run_on_main_thread(fail)
 
     thread = threading.Thread(target=expect)
     thread.start()
@@ -321,7 +321,7 @@ def test_a_bake_computes_with_what_the_main_thread_has_read(lit, store):
     """Also where the main thread began with Mitsuba after the job's own, as at a session's first press of Bake."""
     import drjit
 
-    from holopath_addon.operators.working import export
+    from holopath_addon.operators.modal_operator import export
 
     area = bpy.data.lights.new("Panel", "AREA")  # whose place is a transform that nobody has evaluated
     lit.collection.objects.link(bpy.data.objects.new("Panel", area))
@@ -335,12 +335,12 @@ def test_a_bake_computes_with_what_the_main_thread_has_read(lit, store):
     while not job.wait(0.01):
         if job.message == "Reading the scene":
             drjit.detail.new_scope(drjit.JitBackend.LLVM)
-        job.serve()
+        job.answer_query()
     assert job.error is None
     session.current.job = None
 
 
-def test_a_bake_that_is_cancelled(lit, store):
+def test_a_bake_that_is_canceled(lit, store):
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), lit.holopath)
     job = session.current.job = Job(task.bake)
     job.start()
@@ -372,14 +372,14 @@ def test_where_baked_light_is_kept(monkeypatch, tmp_path):
 
 def test_a_scene_that_is_left_is_not_read(scene):
     """What is rendered is the scene whose button was pressed, or nothing."""
-    from holopath_addon.operators.working import export
+    from holopath_addon.operators.modal_operator import export
 
     job = Job(lambda progress: export(job, progress, "Another"))
     job.run()
     assert isinstance(job.error, engine.InvalidInput) and "'Another' was left or deleted" in str(job.error)
 
 
-def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
+def test_canceled_render_keeps_the_last_one(scene, monkeypatch):
     bpy.ops.holopath.render_hologram()
     field, before = session.current.field, picture()
 
@@ -389,19 +389,19 @@ def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
     monkeypatch.setattr(engine, "render", stop)
     assert bpy.ops.holopath.render_hologram() == {"CANCELLED"}
     assert session.current.field is field and session.current.error == ""
-    session.show_rgb(np.ones((64, 64, 3), np.float32))  # as a window has a glimpse of the next
-    session.show_again()
+    session.images.show_rgb(np.ones((64, 64, 3), np.float32))  # as a window shows a preview of the next
+    session.restore_picture()
     np.testing.assert_allclose(picture(), before, rtol=1e-5)
 
 
 def test_a_failure_outlives_the_picture_that_comes_back(scene):
     """In a window the picture before is made in a thread, and is there after the failure was told."""
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None, None, engine.Optics())
-    session._start_refocus()
-    session.fail(engine.InvalidInput("No."))
-    assert session.current.refocus.wait(NEVER)
-    session._poll_refocus()
+    session.current.refocus_request = (2.0, None, None, engine.Optics())
+    session.refocusing._start_refocus()
+    session.record_error(engine.InvalidInput("No."))
+    assert session.current.refocus_job.wait(NEVER)
+    session.refocusing._poll_refocus()
     assert session.current.error == "No."
     scene.holopath.focus = 1.0
     assert session.current.error == ""
@@ -534,19 +534,19 @@ def test_without_a_backend(scene, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
         bpy.ops.holopath.check()
-        assert "install LLVM" in preferences.missing()
+        assert "install LLVM" in preferences.backend_problem()
     monkeypatch.undo()
-    assert "install LLVM" in preferences.missing()  # asked once, as panels are drawn often
+    assert "install LLVM" in preferences.backend_problem()  # asked once, as panels are drawn often
     bpy.ops.holopath.check()
-    assert preferences.missing() == ""
+    assert preferences.backend_problem() == ""
 
 
 def test_a_graphics_card_that_is_not_there(scene, monkeypatch):
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
-    monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.CUDA)
-    preferences.look_again()
-    told = preferences.missing()
-    preferences.look_again()
+    monkeypatch.setattr(preferences, "chosen_backend", lambda: engine.scene.variants.CUDA)
+    preferences.forget_backends()
+    told = preferences.backend_problem()
+    preferences.forget_backends()
     assert "no card" in told and "choose Automatic" in told
 
 
@@ -567,7 +567,7 @@ def test_a_card_that_computes_no_waves(scene, monkeypatch):
         assert preferences._found["lacking"] == said
     monkeypatch.undo()
     bpy.ops.holopath.check()
-    assert preferences.try_card() == ""
+    assert preferences.check_card() == ""
     bpy.ops.holopath.get_card_extension()
     assert bpy.context.window_manager.extension_search == "HoloPath for NVIDIA Cards"
     assert bpy.context.preferences.active_section == "EXTENSIONS"
@@ -576,7 +576,7 @@ def test_a_card_that_computes_no_waves(scene, monkeypatch):
 
 def test_dioptres_in_view(scene):
     bpy.ops.holopath.render_hologram()
-    near, far = session.current.in_view
+    near, far = session.current.diopter_range
     assert near == pytest.approx(2, rel=0.02) and far == pytest.approx(0.5, rel=0.02)
     assert session.plan_of(scene) is session.current.plan
     assert session.plan_of(bpy.data.scenes.new("Another")) is None
@@ -584,14 +584,14 @@ def test_dioptres_in_view(scene):
 
 def test_a_picture_of_an_earlier_field_is_dropped(scene):
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None, None, engine.Optics())
-    session._start_refocus()
-    assert session.current.refocus.wait(NEVER)
+    session.current.refocus_request = (2.0, None, None, engine.Optics())
+    session.refocusing._start_refocus()
+    assert session.current.refocus_job.wait(NEVER)
     scene.holopath.resolution_x = 48
     bpy.ops.holopath.render_hologram()
     before = picture()
-    session._poll_refocus()
-    assert not session.refocusing() and tuple(bpy.data.images[session.IMAGE].size) == (48, 64)
+    session.refocusing._poll_refocus()
+    assert not session.is_refocusing() and tuple(bpy.data.images[session.IMAGE].size) == (48, 64)
     np.testing.assert_array_equal(picture(), before)
 
 

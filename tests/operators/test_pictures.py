@@ -113,7 +113,7 @@ def test_views_become_a_hologram(scene, views):
     assert bpy.ops.holopath.render_views(filepath=path, **kept) == {"FINISHED"}
     field, task = session.current.field, session.current.task
     assert field.data.shape == (1, 1, 24, 32) and session.IMAGE in bpy.data.images
-    assert task.request.settings.method == "light-field" and session.current.rendered == scene.name
+    assert task.request.settings.method == "light-field" and session.current.field_scene == scene.name
     built, camera = engine.view_scene(array, (0.02, 0.01), 0.8, np.radians(30))
     expected = engine.render(built, camera, field.hologram, task.request.settings)
     np.testing.assert_allclose(field.data, expected.data, atol=1e-5 * abs(expected.data).max())

@@ -63,8 +63,8 @@ def hologram(scene):
 @state
 def overlay(scene):
     as_a_demo(scene)
-    for metres in (0.5, 1.0, 4.0):
-        scene.holopath.focus = metres
+    for meters in (0.5, 1.0, 4.0):
+        scene.holopath.focus = meters
         bpy.ops.holopath.focus_list_add()
     bpy.ops.holopath.plan()
     scene.holopath.focus, scene.holopath.use_pupil = 0.5, True

@@ -132,10 +132,10 @@ def mitsuba_unavailable(scene, monkeypatch):
     monkeypatch.setattr(engine.scene.variants, "_candidates", lambda: [])
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    preferences.look_again()
+    preferences.forget_backends()
     yield
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 @contextmanager
@@ -144,12 +144,12 @@ def a_card(monkeypatch, *installed, lacking=""):
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
     monkeypatch.setattr(libraries, "installed", lambda: list(installed))
     monkeypatch.setattr(libraries, "chosen", lambda: ("numpy" if lacking else "cupy", lacking))
-    preferences.look_again()
+    preferences.forget_backends()
     if lacking:
-        preferences.try_card()
+        preferences.check_card()
     yield
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 @state
@@ -191,7 +191,7 @@ def rendering_again(scene, monkeypatch):
 
 
 @state
-def cancelling(scene, monkeypatch):
+def canceling(scene, monkeypatch):
     with at_work(0.25, "Wave tracing"):
         bpy.ops.holopath.cancel()
         yield
@@ -224,14 +224,14 @@ def rendered(scene, monkeypatch):
 @state
 def rendered_in_another_scene(scene, monkeypatch):
     after("rendered", scene)
-    session.current.scene = session.current.rendered = "Another"
+    session.current.plan_scene = session.current.field_scene = "Another"
     yield
 
 
 @state
 def playing(scene, monkeypatch):
     after("rendered", scene)
-    monkeypatch.setattr(session.current, "sweep", object())  # in place of a window's timer
+    monkeypatch.setattr(session.current, "sweep_timer", object())  # in place of a window's timer
     yield
 
 
@@ -374,7 +374,7 @@ def test_progress_and_cancel(window, monkeypatch):
     for name, factor, text in (
         ("starting", 0.0, "Starting Mitsuba…"),
         ("rendering", 0.25, r"25% Wave tracing, \d+ s left"),
-        ("cancelling", 0.25, "Canceling…"),
+        ("canceling", 0.25, "Canceling…"),
         ("baking", 0.5, "50% Baking light in view"),
     ):
         with STATES[name](window.scene, monkeypatch):
@@ -407,13 +407,13 @@ def test_what_the_preferences_say_of_a_card(window, monkeypatch):
         with STATES[name](window.scene, monkeypatch):
             if name == "nothing_rendered":
                 monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
-                preferences.look_again()
+                preferences.forget_backends()
             layout = draw(preferences.HoloPathPreferences, window)
             seen[name] = layout.words, get in layout.all("operator", "operator")
             lines = [text for text in layout.all("label", "text") if not text.startswith(("cuda_", "llvm_"))]
             assert all(len(line) <= preferences.LINE for line in lines)
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
     (none, pressed), (without, offered), (old, _), (computes, _) = seen.values()
     assert "Waves" not in none and not pressed
     assert "computed by the processor, as neither CuPy nor PyTorch is installed" in without and offered
@@ -425,11 +425,11 @@ def test_what_the_preferences_say_of_a_card(window, monkeypatch):
 
 def test_the_processor_that_the_preferences_choose(window, monkeypatch):
     """Then nothing is said of a card's waves."""
-    monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.LLVM)
+    monkeypatch.setattr(preferences, "chosen_backend", lambda: engine.scene.variants.LLVM)
     with STATES["a_card_without_a_library"](window.scene, monkeypatch):
-        assert preferences.waves() == ("", "") and preferences.try_card() == ""
+        assert preferences.wave_status() == ("", "") and preferences.check_card() == ""
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 def test_a_layout_is_strict(window):
@@ -441,7 +441,7 @@ def test_a_layout_is_strict(window):
         lambda: layout.prop(props, "wavelengths_nm", index=3),
         lambda: layout.prop(props, "seed", icon="NO_SUCH"),
         lambda: layout.prop(props),
-        lambda: layout.label("text", colour=1),
+        lambda: layout.label("text", color=1),
         lambda: layout.label(text=1),
         lambda: layout.operator("holopath.no_such"),
         lambda: setattr(layout.operator("holopath.bake"), "again", True),
