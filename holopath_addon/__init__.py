@@ -5,7 +5,7 @@
 
 from . import llvm_package
 
-llvm_package.name()  # before anybody imports Mitsuba
+llvm_package.set_library_variable()  # before anybody imports Mitsuba
 
 
 def register():

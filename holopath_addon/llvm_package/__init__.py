@@ -40,7 +40,7 @@ def library() -> Path | None:
     return next((path for folder in folders for path in sorted(folder.glob(pattern))), None)
 
 
-def name() -> None:
+def set_library_variable() -> None:
     """Have Dr.Jit use this LLVM when it is imported.
 
     Does nothing if Dr.Jit is imported already, the variable names another LLVM, or HoloPath's own is installed.

@@ -89,3 +89,31 @@ def test_time_left(monkeypatch):
     assert job.remaining == pytest.approx(6)
     job.done = 0.01
     assert job.remaining is None
+
+
+def test_work_for_the_main_thread(monkeypatch):
+    """At once on it; from another thread, where nobody answers, there after a while. Errors come through."""
+    import threading
+
+    from holopath_addon.operators import jobs
+
+    monkeypatch.setattr(jobs, "MAIN_THREAD_TIMEOUT", 0.05)
+    assert jobs.run_on_main_thread(threading.current_thread) is threading.main_thread()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(jobs.run_on_main_thread(threading.current_thread)))
+    thread.start()
+    thread.join(NEVER)
+    assert found == [thread]
+
+    def fail():
+        found.append(None)
+        raise ValueError("no")
+
+    def expect():
+        with pytest.raises(ValueError, match="no"):
+            jobs.run_on_main_thread(fail)
+
+    thread = threading.Thread(target=expect)
+    thread.start()
+    thread.join(NEVER)
+    assert found[1:] == [None]
