@@ -134,9 +134,9 @@ def controller(port, baud):
 
 def release():
     """Close the controller's port."""
-    held, current.controller = current.controller, None
-    if held is not None:
-        held.close()
+    controller, current.controller = current.controller, None
+    if controller is not None:
+        controller.close()
 
 
 def show(image, wavelengths):
@@ -209,10 +209,10 @@ def _forget(*_):
 
 
 def _free_devices():
-    held = current.controller
+    controller = current.controller
     current.__dict__.update(vars(Devices()))
-    if held is not None:
-        threading.Thread(target=held.close, daemon=True).start()
+    if controller is not None:
+        threading.Thread(target=controller.close, daemon=True).start()
 
 
 def handlers():

@@ -13,7 +13,7 @@ HANDLERS = ("load_pre", "load_post", "render_complete", "render_cancel")
 
 
 def traces():
-    """What HoloPath adds to Blender."""
+    """Everything that HoloPath adds to Blender."""
     names = {name for name in dir(bpy.types) if "holopath" in name.lower()}
     engines = {
         name

@@ -89,7 +89,7 @@ def watch(session):
 
 
 def steps():
-    """What users do; every `yield` gives Blender time to work and redraw."""
+    """Steps of a user; every `yield` gives Blender time to work and redraw."""
     yield
     result["enabled"] = traces()
     prepare()

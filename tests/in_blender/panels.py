@@ -72,7 +72,7 @@ def at_work():
 
 
 def over():
-    """Until what is at work has ended, and its operator too."""
+    """Wait until the running work and its operator have ended."""
     yield from until(lambda: module("operators.session").current.job is None, "still at work")
     yield 0.1
 
@@ -123,9 +123,9 @@ def watch_all():
     there |= {watch(cls, "draw_header_preset") for cls in panels.CLASSES if "draw_header_preset" in vars(cls)}
 
     rows = bpy.types.HOLOPATH_UL_focus
-    draw_item, wanted, add_menu = rows.draw_item, overlay._visible_outlines, menus._add_menu
+    draw_item, visible_outlines, add_menu = rows.draw_item, overlay._visible_outlines, menus._add_menu
     bench = module("ui.bench_overlay")
-    wanted_bench = bench.visible_hologram
+    visible_hologram = bench.visible_hologram
 
     def watched_item(self, context, layout, data, item, icon, active_data, active_property, index):
         with noted(rows.__name__):
@@ -133,7 +133,7 @@ def watch_all():
 
     def watched_overlay(context):
         with noted("overlay"):
-            return wanted(context)
+            return visible_outlines(context)
 
     def watched_menu(self, context):
         with noted("VIEW3D_MT_add"):
@@ -141,7 +141,7 @@ def watch_all():
 
     def watched_bench(context):
         with noted("sketch"):
-            return wanted_bench(context)
+            return visible_hologram(context)
 
     rows.draw_item, overlay._visible_outlines, bench.visible_hologram = (
         watched_item,
@@ -188,7 +188,7 @@ def redraw():
 
 
 def all_drawn(state, popups=True):
-    """Until everything was drawn since now, in the window and, one after the other, over it."""
+    """Wait until everything was drawn since now, in the window and, one after the other, over it."""
     drawn.clear()
     redraw()
     end = time.monotonic() + PATIENCE
@@ -290,11 +290,11 @@ def watching():
             buttons = [values[0] for name, values, _ in calls if name == "operator"]
             rows.append([time.monotonic() - pressed, progress, buttons])
 
-    def told(self, text):
+    def record_status(self, text):
         status.append([time.monotonic() - pressed, text])
         tell(self, text)
 
-    panel.section, space.status_text_set = staticmethod(heard), told
+    panel.section, space.status_text_set = staticmethod(heard), record_status
     gate.reports.clear()
     press(bpy.ops.holopath.render_hologram)
     while not rows:
@@ -411,7 +411,7 @@ def no_camera(scene):
 
 
 def estimating(scene):
-    """With something to note, and by a method of which nothing is foretold."""
+    """Estimate a scene with export notes, and a method without an estimate."""
     tree = bpy.data.objects["Cube"].active_material.node_tree
     tree.nodes["Principled BSDF"].inputs["Subsurface Weight"].default_value = 0.5
     for method in ("point", "auto"):
@@ -464,7 +464,7 @@ def looking(scene):
 
 
 def baking(scene):
-    """By its button, then by a render, which keeps no texture."""
+    """Bake by the button, then by a render, which keeps no texture."""
     session = module("operators.session")
     gate.close("Baking light in view")
     press(bpy.ops.holopath.bake, anew=True, show=True)
@@ -496,7 +496,7 @@ def encoding(scene):
 
 
 def streaming(scene):
-    """To a board behind a pty, which first does not answer and is unplugged at last; to the virtual bench."""
+    """Stream to a board behind a pty, which is silent at first and unplugged at last; then to a virtual bench."""
     devices, device = module("operators.devices"), scene.holopath.device
     board = Board(Firmware(size=(SIZE, SIZE)))
     board.mute = True
@@ -536,8 +536,8 @@ def choosing(scene):
         for prop in props.bl_rna.properties
         if prop.type in ("ENUM", "BOOLEAN") and not prop.is_readonly
     ]
-    most = max(len(values) for _, _, values in choices)
-    for step in range(most):
+    max_count = max(len(values) for _, _, values in choices)
+    for step in range(max_count):
         for props, name, values in choices:
             setattr(props, name, values[step % len(values)])
         yield from all_drawn(f"settings {step}", popups=False)

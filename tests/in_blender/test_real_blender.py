@@ -92,7 +92,7 @@ def difference(folder, other):
 
 @pytest.mark.parametrize("texture", ["ShaderNodeTexImage", "ShaderNodeTexNoise"])
 def test_the_same_field_without_a_window(blender, tmp_path, texture):
-    """From --background, --command and the button; and from the bpy module, but for what is baked.
+    """Fields of --background, --command and the button are the same; also of the bpy module, except baked textures.
 
     There the atlas differs: its charts come from another build of xatlas, or from none.
     """
@@ -159,7 +159,7 @@ def test_renders_in_the_background(blender, tmp_path):
 
 
 def test_window(blender, tmp_path):
-    """What users do in the window, see window.py; the field is what the command line makes of the same file."""
+    """Steps of a user in the window, see window.py; the field is that of the command line for the same file."""
     target = tmp_path / "result.json"
     status, output = blender(
         "--enable-event-simulate", "--python-exit-code", "3", "--python", WINDOW, "--", target

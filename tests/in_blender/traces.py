@@ -1,4 +1,4 @@
-"""What is to be seen of HoloPath in a running Blender. Imported by scripts that run there, and in the bpy module."""
+"""Traces of HoloPath in a running Blender. Imported by scripts that run there, and in the bpy module."""
 
 import sys
 

@@ -43,7 +43,7 @@ watchdog.start()
 
 
 class Ticks:
-    """How regularly a timer of the window fires while HoloPath is at work, and at what when it does not."""
+    """Intervals of a window's timer while HoloPath is at work, with the activities of the long ones."""
 
     STEP = 0.01  # seconds
 
@@ -111,7 +111,7 @@ def press(operator, **settings):
 
 
 def over():
-    """Until what is at work has ended and its operator too."""
+    """Wait until the running work and its operator have ended."""
     while session().current.job is not None:
         yield 0.02
     yield 0.1
@@ -192,16 +192,16 @@ def refocusing():
     result["refocus"] = time.monotonic() - begin
     far = picture()
     press(bpy.ops.holopath.sweep)
-    seen, end = set(), time.monotonic() + 600
-    while len(seen) < 4 and time.monotonic() < end:
-        seen.add(picture().tobytes())
+    images, end = set(), time.monotonic() + 600
+    while len(images) < 4 and time.monotonic() < end:
+        images.add(picture().tobytes())
         yield 0.05
     press(bpy.ops.holopath.sweep)
     while session().is_refocusing():
         yield 0.05
     still = picture()
     yield 0.5
-    result["played"] = len(seen)
+    result["played"] = len(images)
     result["stopped"] = bool(np.array_equal(still, picture())) and session().current.sweep_timer is None
     assert not np.array_equal(near, far)
     result["steps"].append("refocused")

@@ -22,11 +22,11 @@ def task_of(scene):
 
 
 def watched(task, at=None):
-    """What is offered, as drafts or None, what is told, and the result; canceled at that message."""
-    offered, told = [], []
+    """Offers (drafts or None), messages and result of a task, canceled at a message."""
+    offered, messages = [], []
 
     def progress(done, message):
-        told.append((done, message))
+        messages.append((done, message))
         if at is not None and message.startswith(at):
             raise engine.Cancelled
 
@@ -34,7 +34,7 @@ def watched(task, at=None):
         result = task.compute(progress, lambda picture, draft=None: offered.append((picture, draft)))
     except engine.Cancelled:
         result = None
-    return offered, told, result
+    return offered, messages, result
 
 
 def picture():
@@ -49,7 +49,7 @@ def test_the_hologram_is_the_same_with_a_draft(lit, eager, monkeypatch, tmp_path
     monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path / "plain"))
     plain = task_of(lit).compute(lambda done, message: None)
     monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path / "watched"))
-    offered, told, result = watched(task_of(lit))
+    offered, messages, result = watched(task_of(lit))
     assert result.field.data.tobytes() == plain.field.data.tobytes()
     np.testing.assert_array_equal(result.images, plain.images)
     *lens, (early, draft) = offered
@@ -57,9 +57,9 @@ def test_the_hologram_is_the_same_with_a_draft(lit, eager, monkeypatch, tmp_path
     assert len(draft.field.data) == pipeline.DRAFT_FRAMES and draft.focus == result.focus
     assert draft.field.data.shape[1:] == result.field.data.shape[1:]
     np.testing.assert_array_equal(early, draft.images[0])
-    shares = [done for done, _ in told]
+    shares = [done for done, _ in messages]
     assert shares == sorted(shares) and shares[0] == 0 and shares[-1] == 1
-    assert any(message.startswith("Draft: ") for _, message in told)
+    assert any(message.startswith("Draft: ") for _, message in messages)
 
 
 def test_a_draft_shows_the_scene(lit, eager):
@@ -92,16 +92,16 @@ def test_no_draft_where_it_would_take_much_of_the_time(scene, eager, monkeypatch
 
 
 def test_nobody_watches(scene, eager):
-    """On the command line and where scripts press the button."""
-    told = []
-    task_of(scene).compute(lambda done, message: told.append(message))
-    assert told and not any(message.startswith("Draft") for message in told)
+    """Neither the command line nor scripts that press the button get drafts."""
+    messages = []
+    task_of(scene).compute(lambda done, message: messages.append(message))
+    assert messages and not any(message.startswith("Draft") for message in messages)
 
 
 def test_it_is_canceled_as_all_work(scene, eager):
     offered, _, result = watched(task_of(scene), at="Draft")
     assert result is None and all(draft is None for _, draft in offered)
-    offered, told, result = watched(task_of(scene), at="Wave tracing")
+    offered, messages, result = watched(task_of(scene), at="Wave tracing")
     assert result is None and offered[-1][1] is not None
 
 

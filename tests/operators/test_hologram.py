@@ -48,7 +48,7 @@ def test_encode_for_the_device_that_is_calibrated(scene, tmp_path):
 
 
 def test_encode_with_more_frames(scene):
-    """Of the scene as it was rendered, whatever has become of it since."""
+    """Frames are of the scene as it was rendered, whatever was changed since."""
     scene.holopath.frames, scene.holopath.colours = 2, "MONO"
     bpy.ops.holopath.render_hologram()
     for thing in list(scene.objects):

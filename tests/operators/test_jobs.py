@@ -54,7 +54,7 @@ def test_pictures_are_taken_once():
 
 
 def test_compiling_is_told_while_it_happens(backend):
-    """From a report that follows a program that was nowhere, to one that follows none; not of those on disk."""
+    """The job says so between reports while a program is compiled; not for programs on disk."""
     import drjit as dr
     import mitsuba as mi
 
@@ -63,18 +63,18 @@ def test_compiling_is_told_while_it_happens(backend):
     def compute():
         dr.eval(dr.arange(mi.Float, 5) * dr.cos(mi.Float(new) + dr.arange(mi.Float, 5) ** 3) + new)
 
-    told = []
+    states = []
 
     def work(progress):
         for done, message in ((0.0, "Starting"), (0.1, "First"), (0.2, "Second")):
             progress(done, message)
-            told.append((job.compiling, session.progress_text(job)))
+            states.append((job.compiling, session.progress_text(job)))
             compute()
 
     job = Job(work)
     job.run()
     assert job.error is None
-    assert told == [(False, "Starting…"), (True, "10% Compiling"), (False, "20% Second")]
+    assert states == [(False, "Starting…"), (True, "10% Compiling"), (False, "20% Second")]
     job.cancel()
     assert session.progress_text(job) == "Canceling…"
 
@@ -92,7 +92,7 @@ def test_time_left(monkeypatch):
 
 
 def test_work_for_the_main_thread(monkeypatch):
-    """At once on it; from another thread, where nobody answers, there after a while. Errors come through."""
+    """Work runs at once on it; from another thread, if nobody answers, there after a while. Errors come through."""
     import threading
 
     from holopath_addon.operators import jobs

@@ -5,7 +5,7 @@ from holopath_addon.operators.jobs import Job
 
 
 def test_a_scene_that_is_left_is_not_read(scene):
-    """What is rendered is the scene whose button was pressed, or nothing."""
+    """An operator renders the scene whose button was pressed, or nothing."""
     from holopath_addon.operators.modal_operator import export
 
     job = Job(lambda progress: export(job, progress, "Another"))

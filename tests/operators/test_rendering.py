@@ -126,26 +126,26 @@ def test_a_graphics_card_that_is_not_there(scene, monkeypatch):
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
     monkeypatch.setattr(preferences, "chosen_backend", lambda: engine.scene.variants.CUDA)
     preferences.forget_backends()
-    told = preferences.backend_problem()
+    problem = preferences.backend_problem()
     preferences.forget_backends()
-    assert "no card" in told and "choose Automatic" in told
+    assert "no card" in problem and "choose Automatic" in problem
 
 
 def test_a_card_that_computes_no_waves(scene, monkeypatch):
     """Check Again says why; Get shows the extension that would change it."""
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
-    told = ["it has no memory", engine.InvalidInput("HOLOPATH_ARRAYS is 'jax'."), ""]
+    messages = ["it has no memory", engine.InvalidInput("HOLOPATH_ARRAYS is 'jax'."), ""]
 
     def chosen():
-        said = told.pop(0)
-        if isinstance(said, Exception):
-            raise said
-        return "numpy", said
+        message = messages.pop(0)
+        if isinstance(message, Exception):
+            raise message
+        return "numpy", message
 
     monkeypatch.setattr(libraries, "chosen", chosen)
-    for said in ("it has no memory", "HOLOPATH_ARRAYS is 'jax'.", ""):
+    for message in ("it has no memory", "HOLOPATH_ARRAYS is 'jax'.", ""):
         bpy.ops.holopath.check()
-        assert preferences._found["lacking"] == said
+        assert preferences._found["lacking"] == message
     monkeypatch.undo()
     bpy.ops.holopath.check()
     assert preferences.check_card() == ""

@@ -63,9 +63,9 @@ def test_virtual_bench(device, phase):
         device.plane = plane
         assert bpy.ops.holopath.capture() == {"FINISHED"}
         field = phase.field(engine.Modulator(bits=8))
-        seen = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
+        expected = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
         np.testing.assert_allclose(
-            image(), session.to_rgba(seen, phase.hologram.wavelengths)[::-1], atol=1e-5
+            image(), session.to_rgba(expected, phase.hologram.wavelengths)[::-1], atol=1e-5
         )
         pictures.append(image())
     assert abs(pictures[0] - pictures[1]).max() > 0.2 * pictures[0][..., :3].max()

@@ -108,7 +108,7 @@ def device(scene):
 
 
 def as_a_demo(scene):
-    """What Add > HoloPath Demo sets."""
+    """Settings of Add > HoloPath Demo."""
     scene.render.engine = "HOLOPATH"
     scene.render.resolution_x = scene.render.resolution_y = scene.holopath.resolution_x
 
@@ -163,7 +163,7 @@ def test_panels_are_those_of_the_picture(addon):
 
 
 def test_another_label_is_found(small, monkeypatch):
-    """What the test above would say of a label that has changed."""
+    """The test above fails for a changed label."""
     monkeypatch.setattr(
         bpy.types.HOLOPATH_PT_view3d_render,
         "section",

@@ -1,4 +1,4 @@
-"""Where the overlay draws, against Blender's own projection; the drawing itself needs a window."""
+"""Places of the overlay, against Blender's own projection; the drawing itself needs a window."""
 
 import math
 from types import SimpleNamespace
@@ -50,11 +50,11 @@ def test_frames_fill_the_view(turned, fit, size):
         "∞ (0 D)": 5000,  # the camera's end
         "Near End 0.4 m (2.5 D)": 40,
     }.items():
-        seen = [
+        corners = [
             world_to_camera_view(turned, turned.camera, Vector(corner)) for corner in found[label].corners
         ]
         expected = [(0, 1, depth), (0, 0, depth), (1, 0, depth), (1, 1, depth)]
-        np.testing.assert_allclose(seen, expected, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(corners, expected, rtol=1e-4, atol=1e-4)
     assert found["2 m (0.5 D)"].color == overlay._FOCUS != found["0.5 m (2 D)"].color
 
 

@@ -1,4 +1,4 @@
-"""What sections of the panels show: controls that do something, and words where there is none."""
+"""Sections of the panels: controls that have an effect, and words without any."""
 
 from dataclasses import make_dataclass
 from types import SimpleNamespace
@@ -71,7 +71,7 @@ def f12_says(scene):
 
 
 def test_which_size_f12_takes(scene):
-    """At the button, where F12 is ours: that of the Output properties, until it is made the same."""
+    """The panel shows the size of F12 if HoloPath renders it, until both sizes are the same."""
     words, offered = f12_says(scene)
     assert "F12" not in words and not offered
     scene.render.engine = "HOLOPATH"

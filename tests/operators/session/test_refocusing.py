@@ -24,7 +24,7 @@ def test_a_pupil_beside_the_light(scene):
 
 
 def test_a_failure_outlives_the_picture_that_comes_back(scene):
-    """In a window the picture before is made in a thread, and is there after the failure was told."""
+    """A window refocuses the earlier picture in a thread, which ends after the failure was reported."""
     bpy.ops.holopath.render_hologram()
     session.current.refocus_request = (2.0, None, None, engine.Optics())
     session.refocusing._start_refocus()

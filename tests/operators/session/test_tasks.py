@@ -10,7 +10,7 @@ from tests.patience import NEVER
 
 
 def test_another_camera_than_the_scene_has(scene):
-    """As F12 asks for where a 3D View has a local camera."""
+    """A local camera of a 3D View, which F12 renders."""
     camera = bpy.data.objects.new("Local", bpy.data.cameras.new("Local"))
     camera.location.x = 0.1
     scene.collection.objects.link(camera)
