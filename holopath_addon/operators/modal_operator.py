@@ -238,12 +238,9 @@ class SaveOperator(ModalOperator):
         return getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT", directory=self.directory)
 
     def work(self, scene):
-        directory, content, kind, write = (
-            bpy.path.abspath(self.directory),
-            self.content(),
-            self.kind,
-            self.write,
-        )
+        # not the operator itself, which a thread must not touch
+        directory, content = bpy.path.abspath(self.directory), self.content()
+        kind, write = self.kind, self.write
 
         def save(job, progress):
             if not directory:

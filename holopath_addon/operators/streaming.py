@@ -31,7 +31,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         )
         return idle and context.scene is not None
 
-    def _begin(self, context: bpy.types.Context, endless):
+    def _prepare(self, context: bpy.types.Context, endless):
         """Prepare the stream; `endless`: whether 0 loops mean no end, rather than one loop."""
         device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
@@ -56,18 +56,18 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
     def execute(self, context: bpy.types.Context):
         """Show it and wait for the end; once if no number of loops is set."""
         try:
-            job = self._begin(context, endless=False)
+            job = self._prepare(context, endless=False)
             job.run()
         except Exception as error:
             return report_error(self, devices.record_error(error))
-        return self._end(job)
+        return self._finish(job)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            job = self._begin(context, endless=True)
+            job = self._prepare(context, endless=True)
             job.start()
         except Exception as error:
             return report_error(self, devices.record_error(error))
@@ -89,13 +89,13 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         if event.type == "TIMER":
             if not self._job.running:
                 devices.end_watching()
-                return self._end(self._job)
+                return self._finish(self._job)
             counts = devices.current.counts
             lost = counts.lost if counts is not None else ""
             if lost and lost != self._lost:
                 self.report({"WARNING"}, f"{lost} HoloPath waits for it.")
             elif self._lost and not lost:
-                self.report({"INFO"}, "The device is connected again: going on.")
+                self.report({"INFO"}, "The device is connected again: streaming continues.")
             self._lost = lost
             session.redraw(images=False)
         return {"PASS_THROUGH"}
@@ -105,7 +105,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         devices.stop()
         devices.end_watching()
 
-    def _end(self, job):
+    def _finish(self, job):
         counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
@@ -174,11 +174,11 @@ class HOLOPATH_OT_identify_monitors(ModalOperator, bpy.types.Operator):
     def work(self, scene):
         def show(job, progress):
             found = slm.monitors()
-            slm.identify(
-                found,
-                NUMBER_SECONDS,
-                lambda left: progress(1 - left / NUMBER_SECONDS, "A number is on each monitor"),
-            )
+
+            def on_progress(seconds_left):
+                progress(1 - seconds_left / NUMBER_SECONDS, "A number is on each monitor")
+
+            slm.identify(found, NUMBER_SECONDS, on_progress)
             return [f"{m.name} {m.geometry}" for m in found]
 
         return show
