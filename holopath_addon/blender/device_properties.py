@@ -43,7 +43,7 @@ BIT_LAYOUT = (
 
 
 def menu(chosen: Mapping[str, Choice]) -> list[tuple]:
-    """Menu items of an `EnumProperty`; a .blend holds their numbers."""
+    """Menu items of an `EnumProperty`, whose numbers a .blend holds, from choices by name."""
     return [(each.name, each.label, each.help, each.number) for each in chosen.values()]
 
 

@@ -156,7 +156,14 @@ class HOLOPATH_OT_check(bpy.types.Operator):
 
 
 def show_extensions(context, name):
-    """Show the extensions of a name in Blender's preferences."""
+    """Search for extensions in Blender's preferences.
+
+    Parameters
+    ----------
+    context : bpy.types.Context
+    name : str
+        Text to search for.
+    """
     context.window_manager.extension_search = name
     context.preferences.active_section = "EXTENSIONS"
 

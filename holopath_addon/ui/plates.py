@@ -5,7 +5,14 @@ from gpu_extras.batch import batch_for_shader
 
 
 def tab_open(area, space):
-    """Whether the tab HoloPath is open in the sidebar of a 3D View, given as `bpy.types.Area` and space."""
+    """Whether the tab HoloPath is open in the sidebar of a 3D View.
+
+    Parameters
+    ----------
+    area : bpy.types.Area
+    space : bpy.types.SpaceView3D
+        Active space of the area.
+    """
     return space.show_region_ui and any(
         region.type == "UI" and region.active_panel_category == "HoloPath" for region in area.regions
     )

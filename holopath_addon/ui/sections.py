@@ -1,4 +1,4 @@
-"""Sections of the panels: functions that draw into any layout."""
+"""Sections of the panels: functions that draw into any `layout`, in the context of a panel."""
 
 from contextlib import suppress
 from typing import Any

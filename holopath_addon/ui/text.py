@@ -25,14 +25,24 @@ def split_layout_of(owner: Panel) -> UILayout:
 
 
 def alert(layout: UILayout, context: Context, text: str) -> None:
-    """Draw an error in red, wrapped."""
+    """Draw an error text in red; see `wrapped`."""
     column = layout.column()
     column.alert = True
     wrapped(column, context, text, icon="ERROR")
 
 
 def wrapped(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
-    """Draw a label that wraps at the region's width, with an icon in its first line."""
+    """Draw a label that wraps at the region's width.
+
+    Parameters
+    ----------
+    layout : UILayout
+    context : Context
+        Context of the panel, whose region has the width.
+    text : str
+    icon : str
+        Name of Blender's icon in the first line.
+    """
     assert context.preferences is not None and context.region is not None  # while a panel is drawn
     scale = context.preferences.system.ui_scale
     characters = max(16, int((context.region.width / scale - 60) / 6.2))

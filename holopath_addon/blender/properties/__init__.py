@@ -1,4 +1,7 @@
-"""Scene settings of HoloPath (`Scene.holopath`), and their conversion to the engine's objects."""
+"""Scene settings of HoloPath (`Scene.holopath`), and their conversion to the engine's objects.
+
+Parameters `props` are always `HoloPathSettings`.
+"""
 
 import math
 from collections.abc import Callable

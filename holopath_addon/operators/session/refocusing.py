@@ -101,7 +101,13 @@ def refocus_by_settings(props):
 
 
 def request_refocus(focus, pupil, modulator, optics):
-    """`refocus` at once if that is quick, else soon in a thread; a new request replaces a waiting one."""
+    """`refocus` at once if that is quick, else soon in a thread; a new request replaces a waiting one.
+
+    Parameters
+    ----------
+    focus, pupil, modulator, optics
+        As in `refocus`.
+    """
     if current.refocuser is None:
         return
     current.error = ""

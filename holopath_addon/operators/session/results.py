@@ -38,7 +38,7 @@ def keep_phase(phase):
 
 
 def keep_plan(task, plan):
-    """Keep the `engine.Plan` of a `Task`, and the notes of its export."""
+    """Keep the `engine.Plan` of a `Task`, and the notes of the task's export."""
     current.plan, current.plan_scene = plan, task.reading.name
     current.notes, current.error = task.notes, ""
 
