@@ -45,10 +45,8 @@ class HOLOPATH_OT_encode(ModalOperator, bpy.types.Operator):
         method, calibration = props.encoding, calibration_of(props.device)
         encoding = Encoding(method, properties.encode_seconds_of(props), properties.eyebox_of(props))
         if calibration is not None:
-            levels, display = (
-                calibration.levels_of(field.hologram),
-                calibration.display(field.hologram.wavelengths),
-            )
+            levels = calibration.levels_of(field.hologram)
+            display = calibration.display(field.hologram.wavelengths)
             encoding = replace(encoding, levels=levels, display=display)
         elif props.bits < ENOUGH_BITS:
             encoding = replace(encoding, bits=props.bits)

@@ -419,11 +419,8 @@ class HOLOPATH_OT_render_views(ModalOperator, bpy.types.Operator):
         )
 
     def work(self, scene):
-        options, path, last = (
-            self.capture_options(),
-            Path(bpy.path.abspath(self.filepath)),
-            session.current.task,
-        )
+        options, path = self.capture_options(), Path(bpy.path.abspath(self.filepath))
+        last = session.current.task
         if not path.is_file():
             raise engine.InvalidInput(f"The views {path} do not exist: choose a file that does.")
         if last is not None:
