@@ -274,23 +274,23 @@ def test_a_failure_before_the_first_render_does_not_stay(scene):
 
 
 def test_the_sketch_in_the_viewport(scene, monkeypatch):
-    """When it is drawn, and of what its pieces are; the drawing itself needs a window."""
+    """The sketch's conditions and pieces; the drawing itself needs a window."""
     space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True), show_region_ui=True)
     tab = SimpleNamespace(type="UI", active_panel_category="HoloPath")
     context = SimpleNamespace(scene=scene, space_data=space, area=SimpleNamespace(regions=[tab]))
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
     scene.holopath.show_bench, scene.holopath.optics.carrier = True, "auto"
     hologram = properties.hologram_of(scene.holopath)
-    assert bench_overlay.wanted(context) == hologram
+    assert bench_overlay.visible_hologram(context) == hologram
     for thing, name, value in (
         (tab, "active_panel_category", "View"),
         (space.overlay, "show_overlays", False),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(thing, name, value)
-            assert bench_overlay.wanted(context) is None
+            assert bench_overlay.visible_hologram(context) is None
     scene.holopath.optics.beam = "measured"
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
 
     drawing = bench_overlay.sketch(hologram, 720.0, 1.0)
     areas, lines = bench_overlay.pieces(drawing, 1.0)
@@ -316,7 +316,7 @@ def test_undo(scene):
 
 
 def test_the_virtual_bench_is_that_bench(scene):
-    """What its camera sees of the streamed phases is what they show on their beam, through their stop."""
+    """The camera sees the streamed phases in the light of their beam, through their stop."""
     props = scene.holopath
     props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
     props.optics.carrier, props.optics.beam, props.optics.waist_mm = "auto", "gaussian", 0.4

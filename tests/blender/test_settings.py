@@ -70,8 +70,8 @@ def test_blender_has_them_within_the_same_bounds(addon, name):
             each.name: each.number for each in declared.chosen.values()
         }
     elif name != "fixed":
-        for end, told in zip(declared.bounds, (prop.hard_min, prop.hard_max), strict=True):
-            assert math.isinf(end) or told == pytest.approx(end)
+        for end, limit in zip(declared.bounds, (prop.hard_min, prop.hard_max), strict=True):
+            assert math.isinf(end) or limit == pytest.approx(end)
     if declared.switch:
         assert rna[declared.switch.name].default == (not declared.switch.by_hand)
 
