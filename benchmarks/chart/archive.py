@@ -7,6 +7,7 @@ so each scene is measured whole on one machine, which its file names.
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 FOLDER = Path("docs/chart")
 TRIANGLES = "triangles"  # name of the part with scenes of many triangles, which are only timed
@@ -19,7 +20,7 @@ def part_of(scene):
     return TRIANGLES if scene.startswith("hills ") else scene
 
 
-def parts_of(records, made, references):
+def parts_of(records, made, references) -> dict[str, dict[str, Any]]:
     """Split records by scene.
 
     Parameters
@@ -54,7 +55,7 @@ def save(parts, folder):
         (Path(folder) / f"{name}.json").write_text(f'{{{head},\n"records": [\n{lines}\n]}}\n', "utf-8")
 
 
-def load(names, folder):
+def load(names, folder) -> dict[str, dict[str, Any]]:
     """Read the parts of these names that are in a folder, in their order."""
     files = {name: Path(folder) / f"{name}.json" for name in names}
     return {name: json.loads(file.read_text("utf-8")) for name, file in files.items() if file.exists()}

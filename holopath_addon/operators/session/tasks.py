@@ -57,7 +57,9 @@ class Task:
     def full_request(self):
         """The `Request` with its scene."""
         exported = self.exported
-        return self.request.with_scene(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+        return self.request.with_scene(
+            exported.scene, exported.camera, [note.to_dict() for note in exported.notes]
+        )
 
     def release_scene(self):
         """Free Mitsuba's scene, which the next access builds again."""
