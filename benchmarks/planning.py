@@ -97,7 +97,7 @@ PATHS = 64  # of a pixel of the reference, in two halves: its noise does not cou
 def everything(settings, hologram):
     """All models, uniform rays for the whole volume, the most paths: nothing is left out because none saw a need."""
     fixed = {"chain": 8, "splits": 2, "max_depth": settings.max_depth, "passes": 256, "slabs": 48, "bins": 6}
-    fixed |= {"grey": 0, "dispersion": 1, "regions": 0}
+    fixed |= {"gray": 0, "dispersion": 1, "regions": 0}
     middle = 0.5 * (hologram.depth_far + hologram.depth_near)
     return replace(settings, method="full", wrp=middle, fixed=fixed)
 

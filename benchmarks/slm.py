@@ -160,7 +160,7 @@ def prepare_table(size):
         ("none", None, "time"),
         ("measured curve", measured, "time"),
         ("correction", corrected, "time"),
-        ("none", None, "colour"),
+        ("none", None, "color"),
         ("1 bit", slm.Calibration(bits=1), "bits"),
     ):
         sequence = slm.Sequence([hologram], calibration, packing)

@@ -247,7 +247,9 @@ def corridor(hits):
     }
     scene = s.scene(end=end, **walls)
     return against(
-        *pictures_of(scene, [2.0], hologram=hologram_of(0.05), most_hits=hits + 1, max_depth=hits + 3)
+        *pictures_of(
+            scene, [2.0], hologram=hologram_of(0.05), max_specular_depth=hits + 1, max_depth=hits + 3
+        )
     )
 
 
@@ -263,7 +265,9 @@ def panes(surfaces):
         image += ((2.0 if number == surfaces - 1 else place + 0.01) - place) / inside
     scene = s.scene(wall=s.plane(2.0, s.emissive(s.texture(128, 1)), 1.0), **stack)
     return against(
-        *pictures_of(scene, [image], hologram=hologram_of(0.5), most_hits=surfaces, max_depth=40, spp=256)
+        *pictures_of(
+            scene, [image], hologram=hologram_of(0.5), max_specular_depth=surfaces, max_depth=40, spp=256
+        )
     )
 
 
@@ -583,7 +587,7 @@ SWEEPS = [
         "reflections",
         (1, 2, 3, 4, 8, 12, 16, 24, 32),
         corridor,
-        "what takes more than `Settings.most_hits` is black",
+        "what takes more than `Settings.max_specular_depth` is black",
         (1, 32),
     ),
     Sweep(

@@ -136,7 +136,7 @@ def _focus_pass(distance):
 
 def _passes(props, layer):
     """Names and channels of a view layer's passes."""
-    channels = "RGB" if props.colours == "RGB" else "X"
+    channels = "RGB" if props.colors == "RGB" else "X"
     passes = [("Combined", "RGBA")]
     if properties.of_layer(layer).use_pass_focus:
         names = map(_focus_pass, properties.focus_list_of(props))

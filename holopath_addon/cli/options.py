@@ -8,9 +8,10 @@ from functools import partial
 from typing import Any
 
 from .. import engine
+from ..engine.former_names import FORMER_NAMES, current_name
 from ..engine.optics import COLORS
 from ..engine.pixels import Pitch
-from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
+from ..engine.settings import BASELINES, DECLARED, Choice, Settings, default_of
 from ..exchange.optics import (
     BEAM_WORDS,
     LENS_WORDS,
@@ -181,12 +182,14 @@ def add(parser: argparse.ArgumentParser) -> None:
     for name, declared in DECLARED.items():
         words: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
         if declared.chosen:
-            words = {"choices": tuple(declared.chosen), "type": partial(current, name, tell=_say)}
+            words = {"choices": tuple(declared.chosen), "type": partial(current_name, name, tell=_say)}
         text = _meaning(declared, "{}")
         text += f". There are {', '.join(engine.FIXABLE)}" if name == "fixed" else ""
         groups.get(name, parser).add_argument(
             flag(name), dest=name, help=f"{text} (default: the file's, {_default(name)})", **words
         )
+    for old, new in FORMER_NAMES["setting"].items():
+        add_old_name(parser, flag(old), flag(new), type=_type(new, DECLARED[new]))
 
 
 def settings_of(args: argparse.Namespace, base: Settings) -> Settings:

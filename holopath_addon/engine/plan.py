@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Generic, TypeVar
 
+from .former_names import with_current_names
 from .settings import Settings
 from .slabs import Slab
 
@@ -120,11 +121,11 @@ class Plan:
         Number of wave rays for a pixel on all planes, where it is largest.
     passes : int
         Number of radiance paths for each grain.
-    most_passes, wanted_error : int, float
+    max_passes, target_error : int, float
         Largest number of paths, and the error of the wave field due to the radiance's noise at which they end earlier.
     white : float
         Radiance of the bright parts of the view.
-    grey : bool
+    gray : bool
         Whether all wavelengths share one radiance.
     traversals : int
         Number of times that rays are traced: once for all wavelengths, or for each where visible glass disperses.
@@ -191,10 +192,10 @@ class Plan:
     planes: tuple
     rays_per_pixel: int
     passes: int
-    most_passes: int
-    wanted_error: float
+    max_passes: int
+    target_error: float
     white: float
-    grey: bool
+    gray: bool
     traversals: int
     margin: int
     slabs: int
@@ -260,8 +261,9 @@ class Plan:
         Raises
         ------
         KeyError, TypeError
-            If they come from another version.
+            If they come from a version before the last one.
         """
+        values = with_current_names("plan entry", values, tell=lambda text: None)
         if values["phases"] and set(values["phases"]) != set(PHASES):
             raise KeyError("phases")
         unlimited = {name: math.inf for name in ("white", "radiance_limit") if values[name] is None}

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 from .errors import InvalidInput
+from .former_names import current_name, with_current_names
 
 
 @dataclass(frozen=True)
@@ -155,32 +154,6 @@ ENCODINGS = choices(
         "scene, and slower",
     ),
 )
-
-
-# Names of choices in the version before, by setting: they work with a warning, see docs/version-1.md.
-FORMERLY = {"quality": {"full": "high"}}
-
-
-def _warn(text):
-    warnings.warn(text, DeprecationWarning, stacklevel=5)
-
-
-def current(name: str, value: Any, tell: Callable[[str], object] = _warn) -> Any:
-    """A setting's value by its current name.
-
-    Parameters
-    ----------
-    name : str
-        Name of the setting.
-    value : object
-        Its value, possibly by the name of the version before.
-    tell : callable
-        ``tell(text)`` receives a warning in the latter case. Default: a DeprecationWarning.
-    """
-    new = FORMERLY[name].get(value, value) if name in FORMERLY else value
-    if new is not value:
-        tell(f"The {name} {value} is called {new} now; the old name goes with the next version.")
-    return new
 
 
 @dataclass(frozen=True)
@@ -447,7 +420,7 @@ class Settings:
         bounds=(1, 1 << 16),
         soft=(1, 64),
     )
-    most_hits: int = _setting(
+    max_specular_depth: int = _setting(
         8,
         "Specular Hits",
         "Maximum number of mirrors and clear surfaces in a row that a ray follows. Objects behind more of them are "
@@ -507,8 +480,7 @@ class Settings:
 
     def __post_init__(self):
         for name, declared in DECLARED.items():
-            value = current(name, getattr(self, name))
-            object.__setattr__(self, name, value)
+            value = getattr(self, name)
             if name != "fixed" and not (declared.switch and value == default_of(name)):
                 declared.check(value)
 
@@ -553,6 +525,20 @@ EYEBOX = Declaration(
 )
 
 
+_init = Settings.__init__
+
+
+def _init_with_current_names(self, **values):
+    values = with_current_names("setting", values)
+    for name, value in values.items():
+        if name == "fixed":
+            values[name] = with_current_names("decision", value)
+        elif isinstance(value, str):
+            values[name] = current_name(name, value)
+    _init(self, **values)
+
+
+Settings.__init__ = _init_with_current_names
 DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}
 
 

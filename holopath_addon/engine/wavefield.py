@@ -92,7 +92,7 @@ class WaveField:
             meta = {
                 "format_version": FORMAT_VERSION,
                 "axes": ["frame", "wavelength", "y", "x"],
-                "units": "metres; intensity in scene radiance; time dependence exp(-i omega t)",
+                "units": "meters; intensity in scene radiance; time dependence exp(-i omega t)",
                 "resolution": [self.hologram.width, self.hologram.height],
                 "pitch_m": self.hologram.to_dict()["pitch"],
                 "wavelengths_m": list(self.hologram.wavelengths),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
+from ..engine.former_names import current_name
 from ..engine.memory import shortage
 from ..engine.optics import ON_AXIS
 from ..engine.pixels import Pitch
@@ -34,7 +35,7 @@ TRANSFERS = (
     "srgb",
 )  # functions from light to the numbers of a picture of amplitudes or intensities
 # Numbers of holograms in a color picture; packings of slm.packing without a device's heights
-PACKINGS = {"colour": 3, "bits": 24} | {name: layout.each for name, layout in LAYOUTS.items()}
+PACKINGS = {"color": 3, "bits": 24} | {name: layout.each for name, layout in LAYOUTS.items()}
 
 
 @dataclass(frozen=True)
@@ -195,6 +196,7 @@ def check_packing(name: str) -> str:
     ------
     InvalidInput
     """
+    name = current_name("packing", name)
     if name not in PACKINGS:
         layout_beside(PACKINGS, name)
     return name
@@ -202,7 +204,7 @@ def check_packing(name: str) -> str:
 
 def _layout(packing):
     """The `BitLayout` of a packing; None for other packings."""
-    if packing is None or packing in ("colour", "bits"):
+    if packing is None or packing in ("color", "bits"):
         return None
     return LAYOUTS.get(packing) or layout_beside(PACKINGS, packing)
 
@@ -278,7 +280,7 @@ def _of_channels(selection, options, wavelengths):
     if options.packing:
         array, layout = arrays[PHASE], _layout(options.packing)
         each = PACKINGS[options.packing] if layout is None else layout.each
-        if options.packing != "colour" and array.dtype != np.uint8:
+        if options.packing != "color" and array.dtype != np.uint8:
             raise InvalidInput(
                 f"Holograms are packed in the bits of 8-bit channels, not of {array.dtype}. Omit --packing."
             )
@@ -299,7 +301,7 @@ def _of_channels(selection, options, wavelengths):
     colors = [arrays[role] for role in selection.color_arrays]
     if all((array == array[..., :1]).all() for array in colors):  # gray stored as RGB
         return {role: a[..., 0] if role in selection.color_arrays else a for role, a in arrays.items()}, ()
-    ways = "--packing colour or bits for phases that share it, or --array red, green or blue for one channel"
+    ways = "--packing color or bits for phases that share it, or --array red, green or blue for one channel"
     if count != 3:
         raise InvalidInput(
             f"The picture has three channels for {count} wavelength{'s' if count > 1 else ''}. Give three "
@@ -308,7 +310,7 @@ def _of_channels(selection, options, wavelengths):
     if not wavelengths[0] > wavelengths[1] > wavelengths[2]:
         raise InvalidInput(
             "The channels are red, green and blue, but the wavelengths have another order. Give --wavelengths from the "
-            "longest to the shortest, or --packing colour to keep their order."
+            "longest to the shortest, or --packing color to keep their order."
         )
     return arrays, ("wavelength",)
 

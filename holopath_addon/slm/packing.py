@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.former_names import current_name
 from ..engine.settings import Choice
 from ..engine.waves.bit_layout import LAYOUTS, BitLayout, layout_beside
 
@@ -93,7 +94,7 @@ PACKINGS = {
     for packing in (
         Packing("time", "One Hologram", "One frame of one color per picture, one after the other", 0, 1, 16),
         Packing(
-            "colour",
+            "color",
             "Three in RGB",
             "Three holograms of up to 8 bits in red, green and blue, for field-sequential SLMs",
             1,
@@ -166,6 +167,7 @@ def packing_of(name: str) -> Packing:
     InvalidInput
         If there is none.
     """
+    name = current_name("packing", name)
     if name in PACKINGS:
         return PACKINGS[name]
     layout = layout_beside(PACKINGS, name)

@@ -24,7 +24,7 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
             "square_pixels",
             "pitch_y_um",
             "bits",
-            "colours",
+            "colors",
             "wavelengths_nm",
             "wavelength_nm",
             "depth_far_mm",

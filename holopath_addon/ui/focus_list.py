@@ -14,7 +14,7 @@ class HOLOPATH_UL_focus(bpy.types.UIList):
             row.label(text="Infinity")
         else:
             row.prop(item, "focus", text="", emboss=False)
-            row.prop(item, "focus_dioptres", text="", emboss=False)
+            row.prop(item, "focus_diopters", text="", emboss=False)
         end = row.row(align=True)
         end.ui_units_x = 1.2
         end.prop(item, "focus_infinity", text="∞", toggle=True)

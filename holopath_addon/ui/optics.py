@@ -46,7 +46,7 @@ def optics(layout: UILayout, context: Context) -> None:
     _lens(layout, props, properties.of(context.scene).depth_mapping)
     layout.prop(props, "colors_apart")
     if props.colors_apart:
-        _colors(layout, props, properties.of(context.scene).colours)
+        _colors(layout, props, properties.of(context.scene).colors)
     layout.prop(properties.of(context.scene), "show_bench")
     _state(layout, context)
 

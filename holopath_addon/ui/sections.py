@@ -27,9 +27,7 @@ def summary(layout: UILayout, context: Context) -> None:
     wrapped(
         column, context, f"{props.resolution_x} × {props.resolution_y} px, {in_words(pitch_of(props))} Pitch"
     )
-    wrapped(
-        column, context, f"{frames}, {'RGB' if props.colours == 'RGB' else f'{props.wavelength_nm:g} nm'}"
-    )
+    wrapped(column, context, f"{frames}, {'RGB' if props.colors == 'RGB' else f'{props.wavelength_nm:g} nm'}")
 
 
 def display(layout: UILayout, context: Context) -> None:
@@ -59,8 +57,8 @@ def display(layout: UILayout, context: Context) -> None:
     width, height = props.resolution_x * across, props.resolution_y * down
     wrapped(layout, context, f"{bits}Size {width:.3g} × {height:.3g} mm")
     column = layout.column()
-    column.row().prop(props, "colours", expand=True)
-    if props.colours == "RGB":
+    column.row().prop(props, "colors", expand=True)
+    if props.colors == "RGB":
         for index, color in enumerate(("Red", "Green", "Blue")):
             column.prop(props, "wavelengths_nm", index=index, text=f"{color} (nm)")
     else:
@@ -134,7 +132,7 @@ _IN_EFFECT = {
     "frames": lambda props: not props.wish_speckle,
     "estimator": lambda props: props.method != "direct",
     "paths": lambda props: props.radiance == "ray",
-    "virtual_image": lambda props: props.most_hits > 0,
+    "virtual_image": lambda props: props.max_specular_depth > 0,
     "planes": lambda props: props.wrp_auto,
     "randomness": properties.may_be_smooth,
 }
@@ -309,7 +307,7 @@ def reconstruct(layout: UILayout, context: Context) -> None:
     distance = column.column(align=True)
     distance.active = not props.focus_infinity
     distance.prop(props, "focus")
-    column.prop(props, "focus_dioptres", slider=True)
+    column.prop(props, "focus_diopters", slider=True)
     layout.prop(props, "use_pupil", text="Partial Pupil")
     if props.use_pupil:
         column = layout.column(align=True)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .. import engine
+from ..engine.former_names import current_name, with_current_names
 from ..engine.progress import Clock, Stages
-from ..engine.settings import current
 from . import output, pipeline
 from .request import Outputs
 from .writers import WRITERS, Still, write_field, write_phases
@@ -285,13 +285,19 @@ def _mapped(folder):
         return None
 
 
+def _current_settings(values):
+    """Settings of a report by their current names."""
+    values = with_current_names("setting", values, tell=lambda text: None)
+    return {k: current_name(k, v, lambda text: None) if isinstance(v, str) else v for k, v in values.items()}
+
+
 def _changes(report, inputs):
     """Inputs that differ from the report's: readable names of the differences, by key."""
     changes = {}
     for key, value in inputs.items():
         old, name = report.get(key), _NAMES.get(key, key)
         if key == "settings" and old:  # of the previous version, too
-            old = {k: current(k, v, lambda text: None) for k, v in old.items()}
+            old = _current_settings(old)
         if old == value:
             continue
         changes[key] = [name]

@@ -145,7 +145,7 @@ CYCLES = """
         props = bpy.context.scene.holopath
         props.resolution_x = props.resolution_y = 32
         props.depth_far_mm, props.depth_near_mm = 0.6, 0.9
-        props.frames, props.colours, props.quality = 1, "MONO", "preview"
+        props.frames, props.colors, props.quality = 1, "MONO", "preview"
         job = Job(session.prepare(bpy.context.evaluated_depsgraph_get(), props).compute)
         session.current.job = job
         job.start()

@@ -78,7 +78,7 @@ def test_lens_and_colors_mean_what_words_mean(scene):
     words = {"color_scale": "1.02,1,0.98", "color_distance": "0.3,0,-0.1", "color_shift": "0,0,0,0,0.02,0"}
     colors = {name: exchange.optics.parse_colors(name, text) for name, text in words.items()}
     assert properties.optics_of(props) == engine.Optics(**colors)
-    props.colours = "MONO"
+    props.colors = "MONO"
     assert len(properties.optics_of(props).color_scale) == 1
 
 
@@ -113,7 +113,7 @@ def test_colors_of_a_calibration(scene, tmp_path):
 def test_a_field_of_another_lens(scene):
     """It has to be rendered for it: the panel says so, and so do the picture and Encode."""
     props = scene.holopath
-    props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
+    props.frames, props.colors, props.method, props.encoding = 1, "MONO", "fast", "dpac"
     bpy.ops.holopath.render_hologram()
     kept = shown()
     props.depth_auto, props.optics.use_lens = True, True
@@ -199,7 +199,7 @@ def test_measured_files(scene, tmp_path):
     props.carrier = "auto"
     for name, file in {"beam_file": "size", "beam_phase": "phase", "stop_file": "stop"}.items():
         setattr(props, name, str(tmp_path / f"{file}.npy"))
-    scene.holopath.colours = "MONO"
+    scene.holopath.colors = "MONO"
     optics = properties.hologram_of(scene.holopath).optics
     np.testing.assert_allclose(optics.beam.measured, size / size.max() * np.exp(1j * phase), atol=1e-6)
     assert (optics.stop.measured == (opened > 0)).all()
@@ -236,7 +236,7 @@ def on(thing, optics):
 def test_all_that_is_computed_is_for_the_bench(scene):
     """Render, Encode and the reconstruction, each beside what the engine says of that bench."""
     props = scene.holopath
-    props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
+    props.frames, props.colors, props.method, props.encoding = 1, "MONO", "fast", "dpac"
     props.focus, props.optics.stop = 1.0, "half"
     half, circle = engine.Optics(stop=engine.Stop("half")), engine.Optics(carrier="auto")
     bpy.ops.holopath.render_hologram()
@@ -318,7 +318,7 @@ def test_undo(scene):
 def test_the_virtual_bench_is_that_bench(scene):
     """The camera sees the streamed phases in the light of their beam, through their stop."""
     props = scene.holopath
-    props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
+    props.frames, props.colors, props.method, props.encoding = 1, "MONO", "fast", "dpac"
     props.optics.carrier, props.optics.beam, props.optics.waist_mm = "auto", "gaussian", 0.4
     props.device.driver = "virtual"
     bpy.ops.holopath.render_hologram()

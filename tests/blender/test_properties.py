@@ -44,14 +44,14 @@ def test_pixels_that_are_not_square(settings):
 
 
 def test_all_settings(settings):
-    settings.colours, settings.wavelength_nm = "MONO", 532.0
+    settings.colors, settings.wavelength_nm = "MONO", 532.0
     settings.depth_mapping = "eyepiece"
     settings.near_auto, settings.near = False, 0.3
     settings.wrp_auto, settings.wrp_mm = False, 11.5
     settings.limit_rays, settings.spp = True, 99
     settings.estimator, settings.radiance, settings.quality = "paper", "ray", "high"
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
-    settings.virtual_image, settings.most_hits = "opl", 3
+    settings.virtual_image, settings.max_specular_depth = "opl", 3
     settings.planes_auto, settings.planes, settings.paths = False, 4, 5
     settings.phase_field, settings.despeckle, settings.method = "random", 40, "fast"
     hologram = properties.hologram_of(settings, (20, 10))
@@ -66,7 +66,7 @@ def test_all_settings(settings):
         wrp=11.5e-3,
         max_depth=2,
         virtual_image="opl",
-        most_hits=3,
+        max_specular_depth=3,
         planes=4,
         paths=5,
         phase_field="random",
@@ -124,16 +124,16 @@ def test_materials_hold_an_abbe_number(addon):
 
 def test_focus(settings):
     assert settings.focus_auto
-    settings.focus_dioptres = 4.0
+    settings.focus_diopters = 4.0
     assert settings.focus == pytest.approx(0.25) and not settings.focus_auto
     settings.focus_infinity = True
-    assert properties.focus_of(settings) == math.inf and settings.focus_dioptres == 0
+    assert properties.focus_of(settings) == math.inf and settings.focus_diopters == 0
     settings.focus_infinity = False
     assert properties.focus_of(settings) == 1.0
-    settings.focus_dioptres = 0.0
+    settings.focus_diopters = 0.0
     assert settings.focus_infinity
     properties.set_focus(settings, 2.0)
-    assert settings.focus_dioptres == pytest.approx(0.5)
+    assert settings.focus_diopters == pytest.approx(0.5)
 
 
 def test_pupil(settings):
@@ -168,7 +168,7 @@ def test_every_setting_says_what_it_is(settings):
 # What .blend files hold: none of these may ever change; new ones come at the end.
 NUMBERS = {
     "display": "CUSTOM pluto-2 leto-3 gaea-2 meadowlark-1920 santec-slm-210 ti-plm-067",
-    "colours": "RGB MONO",
+    "colors": "RGB MONO",
     "depth_mapping": "fit eyepiece",
     "phase_field": "designed random auto smooth",
     "quality": "preview balanced high draft",
@@ -182,7 +182,7 @@ NUMBERS = {
 DEVICE_NUMBERS = {
     "driver": "display serial slmsuite files virtual",
     "model": "holoeye meadowlark santec hamamatsu ti-plm mirrored remote simulated",
-    "packing": "time colour bits plm-067 plm-047 slm-200 slm-200-120hz layout",
+    "packing": "time color bits plm-067 plm-047 slm-200 slm-200-120hz layout",
     "order": "RGB GRB BRG RBG GBR BGR",
 }
 OPTICS_NUMBERS = {
@@ -240,7 +240,7 @@ def held(settings):
 def test_settings_survive_a_file(settings, tmp_path):
     before = held(settings)
     for prop in settings.bl_rna.properties:
-        if prop.identifier not in (*GROUPS, "focus_infinity", "focus_dioptres"):
+        if prop.identifier not in (*GROUPS, "focus_infinity", "focus_diopters"):
             setattr(settings, prop.identifier, other(settings, prop))
     for inner in (settings.device, settings.optics):
         for prop in inner.bl_rna.properties:
@@ -291,7 +291,7 @@ def test_focus_list(settings):
         properties.set_focus(settings.focus_list.add(), meters)
     assert properties.focus_list_of(settings) == [2.0, math.inf, 0.5]
     item = settings.focus_list[0]
-    item.focus_dioptres = 4.0
+    item.focus_diopters = 4.0
     assert item.focus == pytest.approx(0.25) and not item.focus_infinity
     item.focus_infinity = True
     assert properties.focus_list_of(settings) == [math.inf, 0.5, 2.0]
@@ -302,13 +302,13 @@ def test_focus_list(settings):
 # Set in Blender 4.3 by version 0.1.0, none as it is by default; data/settings-0.1.0.blend is the file.
 OLD = {
     "focus_infinity": False,
-    "focus_dioptres": 0.4,
+    "focus_diopters": 0.4,
     "display": "pluto-2",
     "resolution_x": 1921,
     "resolution_y": 1081,
     "pitch_um": 10.0,
     "bits": 9,
-    "colours": "MONO",
+    "colors": "MONO",
     "wavelength_nm": 645.625,
     "depth_mapping": "eyepiece",
     "depth_far_mm": 100.0,
@@ -329,7 +329,7 @@ OLD = {
     "paths": 2,
     "planes_auto": False,
     "planes": 5,
-    "most_hits": 9,
+    "max_specular_depth": 9,
     "virtual_image": "opl",
     "wrp_auto": False,
     "wrp_mm": 15.625,

@@ -139,7 +139,7 @@ def of_pass(channels, name, letters="RGB", layer="ViewLayer"):
 def test_passes(f12, multilayer, monkeypatch, colors):
     from holopath_addon.blender import properties
 
-    f12.holopath.colours, f12.holopath.phase_field = colors, "designed"
+    f12.holopath.colors, f12.holopath.phase_field = colors, "designed"
     f12.holopath.focus = 0.7
     f12.unit_settings.scale_length = 0.5
     monkeypatch.setattr(properties, "focus_list_of", lambda props: [0.5, 0.3333, float("inf")])

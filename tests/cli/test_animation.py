@@ -257,7 +257,7 @@ def test_settings_may_be_animated(moving, tmp_path):
         props.depth_far_mm, props.depth_near_mm = far, 1.0
         props.keyframe_insert("depth_far_mm", frame=frame)
     props.resolution_x = props.resolution_y = 32
-    props.colours = "MONO"
+    props.colors = "MONO"
     assert animate(moving(), tmp_path / "out", words=["--frames", "1", "--quality", "preview"]) == 0
     reports = [json.loads((tmp_path / "out" / name / "report.json").read_text()) for name in FRAMES]
     assert [r["hologram"]["depth_far"] for r in reports] == pytest.approx([0.5e-3, 0.6e-3, 0.7e-3])

@@ -337,7 +337,7 @@ def picture(draw, folder):
         assume((pixels != pixels[..., :1]).any())  # three alike are one
     if means == "frames":
         truth = truth.transpose(1, 0, 2, 3)
-        described |= {"packing": "colour"} if draw(st.booleans()) else {}
+        described |= {"packing": "color"} if draw(st.booleans()) else {}
     described["wavelengths"] = WAVELENGTHS[k]
     pixels = pixels[..., 0] if pixels.shape[-1] == 1 else pixels
     path = folder / f"a{kind}"

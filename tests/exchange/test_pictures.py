@@ -32,8 +32,8 @@ def test_colors(suffix, tmp_path):
     foreign.save(path, COLOR)
     channels = np.moveaxis(COLOR, -1, 0)
     np.testing.assert_allclose(phases(path, 3)[0], channels, atol=1e-4)
-    np.testing.assert_allclose(phases(path, 3, packing="colour")[0], channels, atol=1e-4)
-    np.testing.assert_allclose(phases(path, packing="colour")[:, 0], channels, atol=1e-4)
+    np.testing.assert_allclose(phases(path, 3, packing="color")[0], channels, atol=1e-4)
+    np.testing.assert_allclose(phases(path, packing="color")[:, 0], channels, atol=1e-4)
     frames = exchange.ReadOptions(
         convention=exchange.Convention(("y", "x", "frame")), pitch=8e-6, wavelengths=[5e-7]
     )
@@ -50,7 +50,7 @@ def test_colors(suffix, tmp_path):
             exchange.read(path), exchange.ReadOptions(pitch=8e-6, wavelengths=WAVELENGTHS[::-1])
         )
     with pytest.raises(InvalidInput, match="3 holograms are not a multiple of 2 wavelengths. Give other"):
-        phases(path, 2, packing="colour")
+        phases(path, 2, packing="color")
     foreign.save(path, np.repeat(GRAY[..., None], 3, -1))
     np.testing.assert_allclose(phases(path)[0, 0], GRAY, atol=1e-4)
 

@@ -64,7 +64,7 @@ def prepare():
         320  # a frame takes longer than it takes to notice the one before
     )
     props.depth_far_mm, props.depth_near_mm = 1.25, 1.875
-    props.frames, props.quality, props.colours = 1, "preview", "MONO"
+    props.frames, props.quality, props.colors = 1, "preview", "MONO"
     bpy.ops.wm.save_as_mainfile(filepath=str(scene_file))
 
 

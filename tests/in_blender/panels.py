@@ -331,9 +331,9 @@ def steps():
     yield from lay_out()
     scene.holopath.show_bench = True
     for dioptres in (2.0, 0.0):
-        scene.holopath.focus_dioptres = dioptres
+        scene.holopath.focus_diopters = dioptres
         press(bpy.ops.holopath.focus_list_add)
-    scene.holopath.focus_dioptres = 1.0
+    scene.holopath.focus_diopters = 1.0
     yield from all_drawn("nothing rendered")
     yield from unavailable()
     configure(scene, SIZE)

@@ -29,7 +29,7 @@ def moving(scene, tmp_path):
     """Two frames that take a second, and a folder for them."""
     props = scene.holopath
     props.resolution_x = props.resolution_y = 32
-    props.frames, props.colours = 1, "MONO"
+    props.frames, props.colors = 1, "MONO"
     props.animation_folder = str(tmp_path / "out")
     near = scene.objects["Near"]
     for frame, x in ((1, -0.05), (2, 0.05)):

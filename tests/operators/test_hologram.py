@@ -49,7 +49,7 @@ def test_encode_for_the_device_that_is_calibrated(scene, tmp_path):
 
 def test_encode_with_more_frames(scene):
     """Frames are of the scene as it was rendered, whatever was changed since."""
-    scene.holopath.frames, scene.holopath.colours = 2, "MONO"
+    scene.holopath.frames, scene.holopath.colors = 2, "MONO"
     bpy.ops.holopath.render_hologram()
     for thing in list(scene.objects):
         bpy.data.objects.remove(thing)
@@ -97,7 +97,7 @@ def test_stopping_an_encoding_leaves_the_last_hologram(scene, monkeypatch):
 def test_seconds_of_encoding(scene):
     """The button makes what it can of them, and says how."""
     scene.holopath.frames = 2
-    scene.holopath.colours = "MONO"
+    scene.holopath.colors = "MONO"
     bpy.ops.holopath.render_hologram()
     scene.holopath.limit_encoding, scene.holopath.encode_seconds = True, 1.5
     assert bpy.ops.holopath.encode() == {"FINISHED"}

@@ -102,7 +102,7 @@ def views(scene, tmp_path):
     array = np.random.default_rng(0).uniform(0.1, 1, (2, 3, 12, 16, 3)).astype(np.float32)
     np.save(tmp_path / "views.npy", array)
     scene.holopath.resolution_x, scene.holopath.resolution_y = 32, 24
-    scene.holopath.frames, scene.holopath.quality, scene.holopath.colours = 1, "draft", "MONO"
+    scene.holopath.frames, scene.holopath.quality, scene.holopath.colors = 1, "draft", "MONO"
     return str(tmp_path / "views.npy"), array
 
 

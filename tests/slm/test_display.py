@@ -175,7 +175,7 @@ def test_a_hologram(two_monitors):
 
     driver = DisplayDriver()
     with pytest.raises(engine.Cancelled):
-        stream(Sequence([hologram], Calibration(flip_x=True), "colour", "BGR"), driver, 10, None, look)
+        stream(Sequence([hologram], Calibration(flip_x=True), "color", "BGR"), driver, 10, None, look)
     levels = np.round(data * (256 / (2 * np.pi))).astype(int) % 256
     expected = np.zeros((2, HEIGHT, WIDTH, 3), int)
     # the first wavelength in blue, as the order says

@@ -62,7 +62,7 @@ def test_pictures(bits, tmp_path):
 
 def test_pictures_in_color(tmp_path):
     """Green is shown first, then blue, then red."""
-    sequence, levels = made(packing="colour", order="GBR")
+    sequence, levels = made(packing="color", order="GBR")
     stream(sequence, FilesDriver(tmp_path / "out"))
     pixels = read(tmp_path / "out" / "picture_000000.png")
     np.testing.assert_array_equal(pixels, np.stack([levels[2], levels[0], levels[1]], axis=-1))
@@ -111,7 +111,7 @@ def test_raw(bits, tmp_path):
 
 
 def test_raw_in_color(tmp_path):
-    sequence, levels = made(packing="colour", order="BGR")
+    sequence, levels = made(packing="color", order="BGR")
     stream(sequence, FilesDriver(tmp_path / "out", "raw"))
     data = (tmp_path / "out" / "pictures.raw").read_bytes()
     expected = [int(levels[frame][y, x]) for y, x in np.ndindex(5, 6) for frame in (2, 1, 0)]

@@ -15,7 +15,7 @@ ORDERS = ["".join(order) for order in itertools.permutations("RGB")]
 @pytest.mark.parametrize("order", ORDERS)
 def test_three_in_red_green_and_blue(order):
     levels = list(np.random.default_rng(1).integers(0, 256, (3, 4, 5), np.uint8))
-    picture = pack(levels, "colour", order)
+    picture = pack(levels, "color", order)
     assert picture.shape == (4, 5, 3) and picture.dtype == np.uint8
     for place, level in enumerate(levels):
         np.testing.assert_array_equal(picture[..., {"R": 0, "G": 1, "B": 2}[order[place]]], level)
@@ -95,7 +95,7 @@ def test_micromirrors_of_the_smaller_device():
 
 def test_what_is_packed_is_not_changed():
     levels = [np.full((2, 2), 7, np.uint8) for _ in range(3)]
-    pack(levels, "colour")
+    pack(levels, "color")
     assert all((level == 7).all() for level in levels)
 
 
@@ -118,7 +118,7 @@ def test_ten_bits_of_an_slm_200():
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("magic", "no packing magic: choose one of time, colour.*or name the bits"),
+        ("magic", "no packing magic: choose one of time, color.*or name the bits"),
         ("", "no packing"),
         ("R7-5;G7", "Expected the bits of a picture's channels"),
     ],

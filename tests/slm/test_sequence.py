@@ -18,8 +18,8 @@ from tests.slm.refusals import refused
 
 ORDERS = ["".join(order) for order in itertools.permutations("RGB")]
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
-EACH = {"time": 1, "colour": 3, "bits": 24, "plm-067": 24, "plm-047": 24, "slm-200": 1, "slm-200-120hz": 2}
-BITS = {"time": 8, "colour": 8, "bits": 1, "plm-067": 4, "plm-047": 4, "slm-200": 10, "slm-200-120hz": 10}
+EACH = {"time": 1, "color": 3, "bits": 24, "plm-067": 24, "plm-047": 24, "slm-200": 1, "slm-200-120hz": 2}
+BITS = {"time": 8, "color": 8, "bits": 1, "plm-067": 4, "plm-047": 4, "slm-200": 10, "slm-200-120hz": 10}
 
 quick = settings(max_examples=60, database=None)
 
@@ -72,7 +72,7 @@ def test_micromirrors_on_a_monitor():
     count=st.integers(1, 3),
     repeats=st.integers(1, 3),
 )
-@example(8, 1, "colour", 1, 1)
+@example(8, 1, "color", 1, 1)
 def test_a_round_is_balanced(frames, wavelengths, packing, count, repeats):
     """Every frame and wavelength equally often, in the fewest pictures, one after the other."""
     small = [hologram(frames, wavelengths, (1, 1), index) for index in range(count)]
@@ -100,12 +100,12 @@ def test_bits_of_a_packing_are_those_of_the_levels():
 
 
 def test_eight_frames_in_threes_take_eight_pictures():
-    sequence = made(frames=8, wavelengths=1, packing="colour")
+    sequence = made(frames=8, wavelengths=1, packing="color")
     assert len(sequence) == 8
     assert [part[0] for part in sequence.picture(2).parts] == [6, 7, 0]
 
 
-@pytest.mark.parametrize("packing", ["time", "colour"])
+@pytest.mark.parametrize("packing", ["time", "color"])
 @pytest.mark.parametrize("order", ["RGB", "BRG"])
 def test_pictures_hold_what_their_parts_say(packing, order):
     """Counted through frames, repeats, holograms and rounds, each pixel has its hologram's level."""
@@ -255,7 +255,7 @@ def test_fit_where_the_correction_is_of_another_size():
         ([{}, {}, {"frames": 3}], {}, "Hologram 2 differs from the first"),
         ([{}, {"wavelengths": 2}], {}, "Hologram 1 differs from the first in size or wavelengths"),
         ([{}], {"packing": "bits", "calibration": Calibration()}, "at most 1 bit, got 8"),
-        ([{}], {"packing": "colour", "calibration": Calibration(bits=9)}, "at most 8 bits, got 9"),
+        ([{}], {"packing": "color", "calibration": Calibration(bits=9)}, "at most 8 bits, got 9"),
         ([{}], {"packing": "slm-200", "calibration": Calibration()}, "levels of 10 bits, got 8"),
         (
             [{}],

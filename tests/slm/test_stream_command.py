@@ -131,7 +131,7 @@ def test_the_output_folder_stays_holopaths_own(folder):
 def test_files_of_many_kinds(folder, tmp_path):
     """Raw, packed, in another order, two rounds, with a rate; from the hologram's own folder."""
     levels = levels_of()
-    words = ["--driver", "files", "--packing", "colour", "--order", "GBR", "--kind", "raw", "--loops", "2"]
+    words = ["--driver", "files", "--packing", "color", "--order", "GBR", "--kind", "raw", "--loops", "2"]
     assert run(folder / "hologram", *words, "--rate", "500", "--out", tmp_path / "raw", "--quiet") == 0
     described = json.loads((tmp_path / "raw" / "pictures.json").read_text())
     assert (described["pictures"], described["channels"], described["rate_hz"]) == (8, 3, 500)
@@ -220,7 +220,7 @@ def depth_of(distance):
     return (NEAR - FAR) * 0.5 / (distance - FAR) if distance > FAR else math.inf
 
 
-@pytest.mark.parametrize("packing", ["time", "colour"])
+@pytest.mark.parametrize("packing", ["time", "color"])
 def test_captures_of_the_virtual_bench(packing, folder, tmp_path):
     """Five planes over the volume, linear and to be looked at."""
     words = ["--driver", "virtual", "--packing", packing, "--captures", tmp_path / "seen", "--quiet"]
@@ -305,7 +305,7 @@ def test_larger_device(folder):
         ({"can": FRAMES}, ["--trigger"], "takes no triggers"),
         ({"size": (8, 8)}, [], f"{WIDTH} x {HEIGHT} pixels.*8 x 8"),
         ({"bits": 4}, ["--bits", "8"], "8 bits, Test device takes 4"),
-        ({}, ["--packing", "colour"], "one hologram at a time, not 3"),
+        ({}, ["--packing", "color"], "one hologram at a time, not 3"),
         ({}, ["--trigger", "--pulse", "-5"], "pulse"),
         ({}, ["--trigger", "--pulse", "5000000000"], "pulse"),
     ],
@@ -540,7 +540,7 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{out}", "--loops", "-1"], "0 or more rounds, got -1"),
         (["{out}", "--repeats", "0"], "at least 1"),
         (["{out}", "--bits", "0"], "1 to 16"),
-        (["{out}", "--bits", "10", "--packing", "colour"], "at most 8 bits"),
+        (["{out}", "--bits", "10", "--packing", "color"], "at most 8 bits"),
         (["{out}", "--bits", "8", "--packing", "bits"], "at most 1 bit"),
         (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, got 8"),
         (["{out}", "--packing", "R5-7"], "R5-7 rise"),

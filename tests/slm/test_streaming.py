@@ -428,7 +428,7 @@ def test_lost_in_a_trigger(at_once):
 @pytest.mark.parametrize(
     ("options", "info", "says"),
     [
-        ({"packing": "colour"}, {}, "one hologram at a time, not 3.*--packing time"),
+        ({"packing": "color"}, {}, "one hologram at a time, not 3.*--packing time"),
         ({"packing": "bits", "calibration": Calibration(bits=1)}, {}, "not 24"),
         (
             {"packing": "slm-200", "calibration": Calibration(bits=10)},

@@ -74,7 +74,7 @@ def test_a_video_for_each_color(program, tmp_path):
 def test_colors_in_the_channels(program, tmp_path):
     """A video of two rounds, with a rate that is not a whole number."""
     levels = levels_of(3, 1, WAVELENGTHS)
-    sequence = Sequence(film_of(levels), Calibration(bits=8), "colour")
+    sequence = Sequence(film_of(levels), Calibration(bits=8), "color")
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=59.94, loops=2)
     pictures, rate = shown(program, tmp_path / "out" / "pictures.mkv")
     np.testing.assert_array_equal(pictures, np.tile(np.moveaxis(levels[:, 0], 1, -1), (2, 1, 1, 1)))
@@ -124,8 +124,8 @@ def test_a_program_that_fails(tmp_path, monkeypatch):
 
 def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(video, "ffmpeg", lambda: "ffmpeg")
-    sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS)), Calibration(bits=8), "colour")
-    with refused("packing colour holds several colors. Choose --kind video, or the packing time"):
+    sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS)), Calibration(bits=8), "color")
+    with refused("packing color holds several colors. Choose --kind video, or the packing time"):
         stream(sequence, FilesDriver(tmp_path / "out", "video-per-color", sequence), rate=60.0)
     sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS, 10), bits=10), Calibration(bits=10))
     with refused("A video has levels of 8 bits, got 10"):

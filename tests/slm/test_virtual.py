@@ -87,8 +87,8 @@ def shown(hologram, calibration=None, bench=None, packing="time", order="RGB", *
     ("packing", "order", "bits"),
     [
         ("time", "RGB", 8),
-        ("colour", "RGB", 8),
-        ("colour", "BRG", 8),
+        ("color", "RGB", 8),
+        ("color", "BRG", 8),
         ("bits", "RGB", 1),
         ("bits", "GBR", 1),
         ("plm-067", "RGB", 4),
@@ -145,8 +145,8 @@ def test_a_panel_takes_the_bits_that_it_has(hologram):
 
 
 def test_order_of_channels_matters(hologram):
-    bench = VirtualDriver(hologram, packing="colour", order="RGB")
-    stream(Sequence([hologram], None, "colour", "GBR"), bench)
+    bench = VirtualDriver(hologram, packing="color", order="RGB")
+    stream(Sequence([hologram], None, "color", "GBR"), bench)
     assert decibels(view(bench), ideal_of(hologram)) < 30
 
 
@@ -413,6 +413,6 @@ def test_pictures_of_another_size(hologram):
     with pytest.raises(engine.InvalidInput, match="70 x 70 pixels, this one has 64 x 64"):
         stream(Sequence([hologram], Calibration(size=(70, 70))), bench)
     with pytest.raises(engine.InvalidInput, match="holds 3 holograms, the packing time of the virtual SLM 1"):
-        stream(Sequence([hologram], None, "colour"), bench)
+        stream(Sequence([hologram], None, "color"), bench)
     with pytest.raises(engine.InvalidInput, match="10 bits, virtual takes 8"):
         stream(Sequence([hologram], Calibration(bits=10)), bench)

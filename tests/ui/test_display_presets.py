@@ -10,13 +10,13 @@ def test_kept_and_taken(scene):
     props.display = "CUSTOM"
     props.resolution_x, props.pitch_um, props.bits = 1234, 4.25, 10
     props.square_pixels, props.pitch_y_um = False, 5.5
-    props.colours, props.wavelength_nm = "MONO", 532.0
+    props.colors, props.wavelength_nm = "MONO", 532.0
     props.wavelengths_nm = (630.0, 520.0, 460.0)
     props.depth_far_mm, props.depth_near_mm = 33.0, 44.0
     props.optics.beam, props.optics.middle_mm, props.optics.stop = "gaussian", (0.5, 0.25), "half"
     frames = props.frames
     names = [
-        "display", "resolution_x", "resolution_y", "pitch_um", "square_pixels", "pitch_y_um", "bits", "colours",
+        "display", "resolution_x", "resolution_y", "pitch_um", "square_pixels", "pitch_y_um", "bits", "colors",
         "wavelength_nm", "depth_far_mm", "depth_near_mm",
     ]  # fmt: skip
     kept = {name: getattr(props, name) for name in names} | {"wavelengths": tuple(props.wavelengths_nm)}
@@ -26,7 +26,7 @@ def test_kept_and_taken(scene):
 
     props.display, props.optics.beam, props.optics.stop = "gaea-2", "flat", "circle"
     props.optics.middle_mm = (0.0, 0.0)
-    props.colours, props.wavelengths_nm, props.frames = "RGB", (640, 516, 455), frames + 1
+    props.colors, props.wavelengths_nm, props.frames = "RGB", (640, 516, 455), frames + 1
     assert bpy.ops.script.execute_preset(filepath=path, menu_idname="HOLOPATH_PT_display_presets") == {
         "FINISHED"
     }

@@ -318,7 +318,7 @@ def device_refused(scene, monkeypatch):
 def window(lit):
     """A context in which all panels are shown."""
     for distance in (1.0, 0.0):
-        lit.holopath.focus_dioptres = distance
+        lit.holopath.focus_diopters = distance
         bpy.ops.holopath.focus_list_add()
     context = Context(lit)
     context.material = lit.objects["Wall"].active_material

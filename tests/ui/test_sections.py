@@ -51,7 +51,7 @@ def test_depth(scene):
     [
         ("spp", {"limit_rays": True}),
         ("paths", {"radiance": "ray"}),
-        ("virtual_image", {"most_hits": 0}),
+        ("virtual_image", {"max_specular_depth": 0}),
         ("estimator", {"method": "direct"}),
     ],
 )

@@ -25,6 +25,7 @@ from ... import engine
 from ...engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
 from ..device_properties import HoloPathDevice, menu
 from .decimals import tidy
+from .former import FormerNames, adopt
 from .optics import RELATIVE, HoloPathOptics, optics_of
 
 CUSTOM = "CUSTOM"
@@ -168,7 +169,7 @@ class _Focus:
     focus_infinity: BoolProperty(
         name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
     )
-    focus_dioptres: FloatProperty(
+    focus_diopters: FloatProperty(
         name="Focus (D)",
         description="The focus distance in diopters, that is, one over meters; 0 is infinity",
         get=_get_diopters,
@@ -200,7 +201,7 @@ class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
 _Declared = type("_Declared", (), {"__annotations__": _declared_properties()})
 
 
-class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
+class HoloPathSettings(FormerNames, _Declared, _Focus, bpy.types.PropertyGroup):
     """Settings of a scene, `Scene.holopath`."""
 
     if TYPE_CHECKING:  # the declared settings
@@ -264,7 +265,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         max=16,
         update=_focus_changed,
     )
-    colours: EnumProperty(
+    colors: EnumProperty(
         name="Colors",
         description="Wavelengths to compute: red, green and blue take three times as long as a single one",
         items=[
@@ -589,7 +590,7 @@ def hologram_of(props, resolution=None):
     engine.BackendUnavailable
         If the library for a measured file is not installed.
     """
-    wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
+    wavelengths = tuple(props.wavelengths_nm) if props.colors == "RGB" else (props.wavelength_nm,)
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
     ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
     optics = optics_of(props)
@@ -786,11 +787,13 @@ def _stamp(*_):
 def _settle(*_):
     """Adapt a file of another version.
 
-    Choices that only a later version knows are reset to their defaults. Scenes of earlier versions keep their default
-    depth range, and the shape of pixels with a fill factor below 1.
+    Values by former names are adopted. Choices that only a later version knows are reset to their defaults. Scenes of
+    earlier versions keep their default depth range, and the shape of pixels with a fill factor below 1.
     """
     for scene in bpy.data.scenes:
         props = of(scene)
+        if scene.library is None:
+            adopt(props)
         if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
             props.pixel_shape = True
         if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
@@ -801,17 +804,24 @@ def _settle(*_):
                     props.property_unset(prop.identifier)
 
 
+def _handlers():
+    """Lists of Blender's handlers, each with a function of ours; Blender 4.2 has no handler of appended scenes."""
+    adapting = ("load_post", "blend_import_post")
+    lists = [getattr(bpy.app.handlers, name) for name in adapting if hasattr(bpy.app.handlers, name)]
+    return [*((handlers, _settle) for handlers in lists), (bpy.app.handlers.save_pre, _stamp)]
+
+
 def attach():
     """Add the settings to scenes, view layers and materials."""
     for owner, group in _GROUPS.items():
         setattr(owner, _NAME, PointerProperty(type=group))
-    bpy.app.handlers.load_post.append(_settle)
-    bpy.app.handlers.save_pre.append(_stamp)
+    for handlers, own in _handlers():
+        handlers.append(own)
 
 
 def detach():
     """Remove the settings from scenes, view layers and materials."""
-    for handlers, own in ((bpy.app.handlers.load_post, _settle), (bpy.app.handlers.save_pre, _stamp)):
+    for handlers, own in _handlers():
         if own in handlers:  # another add-on may have cleared the list
             handlers.remove(own)
     for owner in _GROUPS:

@@ -328,7 +328,7 @@ def optics_of(settings: Any) -> engine.Optics:
     engine.BackendUnavailable
         If the library for a file is not installed.
     """
-    props, count = settings.optics, 3 if settings.colours == "RGB" else 1
+    props, count = settings.optics, 3 if settings.colors == "RGB" else 1
     colors = _colors(props, count) if props.colors_apart else {}
     return engine.Optics(
         beam=_beam(props),

@@ -158,7 +158,7 @@ class PhaseHologram:
             meta = {
                 "format_version": FORMAT_VERSION,
                 "axes": ["frame", "wavelength", "y", "x"],
-                "units": "radians; grey level n of the pictures is 2 pi n / 256",
+                "units": "radians; gray level n of the pictures is 2 pi n / 256",
                 "method": self.method,
                 "gains": list(self.gains),
                 "near_m": self.near,

@@ -10,7 +10,7 @@ GLOSSY_BINS = (2, 6)  # minimum and maximum of the radiance map's bins along eac
 
 # Minimum, maximum and meaning of each value.
 FIXABLE = {
-    "chain": (*DECLARED["most_hits"].bounds, "longest chain of mirrors and clear surfaces"),
+    "chain": (*DECLARED["max_specular_depth"].bounds, "longest chain of mirrors and clear surfaces"),
     "splits": (0, 2, "hits of a chain at which more than one way on is followed"),
     "max_depth": (*DECLARED["max_depth"].bounds, "vertices of a radiance path"),
     "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
@@ -18,7 +18,7 @@ FIXABLE = {
     "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
     "textures": (0, 1 << 16, "rays a pixel that see textures alone"),
     "filter": (0, 1, "whether grains of one surface share their light"),
-    "grey": (0, 1, "whether all wavelengths share one radiance"),
+    "gray": (0, 1, "whether all wavelengths share one radiance"),
     "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
     "regions": (0, 1, "whether each tile has as many rays as it needs"),
     "beside": (0, 1 << 12, "pixels beyond each edge of the picture that are traced, too"),

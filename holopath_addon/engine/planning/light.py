@@ -224,7 +224,7 @@ def decide_wavelengths(survey: Survey) -> Decided[tuple[bool, int]]:
         groups = colors
     if colors == 1:
         return Decided((False, groups))
-    gray = bool(fixed.get("grey", chroma < MAX_GRAY_CHROMA)) and survey.settings.radiance == "grain"
+    gray = bool(fixed.get("gray", chroma < MAX_GRAY_CHROMA)) and survey.settings.radiance == "grain"
     value = "rays for each" if groups > 1 else "rays once for all"
     reason = "glass in view disperses" if groups > 1 else "no glass that disperses is in view"
     if behind_lens:

@@ -179,7 +179,7 @@ def survey_scene(
 def decide_chains(pilot: Pilot, settings: Settings) -> Decided[Chains]:
     """Decide how far chains of mirrors and clear surfaces are followed: not at all where hardly any are in view."""
     first, fixed, draft = pilot.first_hits(), settings.fixed, settings.quality == "draft"
-    max_hits = fixed.get("chain", 0 if draft else settings.most_hits)
+    max_hits = fixed.get("chain", 0 if draft else settings.max_specular_depth)
     if max_hits and ("chain" in fixed or first.specular + first.nearly_specular > MIN_VIEW_FRACTION):
         return _longest_chains(pilot, settings, first, max_hits)
     chains = Chains(first, FirstHits(sky=pilot.camera.sees_sky), settings.virtual_image)
@@ -189,7 +189,7 @@ def decide_chains(pilot: Pilot, settings: Settings) -> Decided[Chains]:
         f"{first.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
         f"surface, not at the depth of what it reflects"
     )
-    if draft and settings.most_hits:
+    if draft and settings.max_specular_depth:
         return Decided(chains, (Decision("specular hits", "none", f"{consequence}, as drafts do"),))
     return Decided(chains, warnings=(f"{consequence}; allow chains of mirrors to change that.",))
 
@@ -212,6 +212,6 @@ def _longest_chains(pilot, settings, first, max_hits):
     chains = Chains(probe, optics_of(longest, splits), "opl" if exact else image, longest, splits, pupil)
     cut_off = (
         f"{probe.cut:.0%} of the view lies behind more than {max_hits} mirrors and clear surfaces and stays "
-        "black. Follow more of them (--most-hits, Mirrors, Glass)."
+        "black. Follow more of them (--max-specular-depth, Mirrors, Glass)."
     )
     return Decided(chains, (decision,), (cut_off,) if probe.cut > MAX_CUT_FRACTION else ())

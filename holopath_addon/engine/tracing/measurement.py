@@ -192,7 +192,7 @@ class Measurement:
             self._share(progress)
         else:
             self._textures, self._texture_rays = totals["sums"].textures, sampling.passes
-        target, max_paths = plan.wanted_error, plan.most_passes
+        target, max_paths = plan.target_error, plan.max_passes
         self._error, texture_error = field_error(
             self._halves, self._filtered, self._shared, self._textures.count, plan.white / self._unit
         )
@@ -209,7 +209,7 @@ class Measurement:
 
     def _next_paths(self, passes):
         """Pass for light; another one may follow."""
-        another = self._rounds < MAX_ROUNDS - 1 and self._paths + passes < self._plan.most_passes
+        another = self._rounds < MAX_ROUNDS - 1 and self._paths + passes < self._plan.max_passes
         return SamplingPass("light", passes, self._paths, 0.5 if another else 1.0)
 
     def _share(self, progress):

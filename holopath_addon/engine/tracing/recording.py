@@ -112,7 +112,7 @@ class Recording:
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
-        wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
+        wavelengths = hologram.wavelengths[:1] if plan.gray else hologram.wavelengths
         return Measurement(
             self.scene,
             rays,

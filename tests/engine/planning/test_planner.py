@@ -257,7 +257,9 @@ def test_a_chain_that_is_too_short_is_warned_of(build, camera):
     scene = build.scene(end=build.plane(2.0, build.emissive(build.texture(64, 1))), **walls)
 
     def beyond(hits):
-        warnings = engine.plan(scene, camera, small_display(), engine.Settings(most_hits=hits)).warnings
+        warnings = engine.plan(
+            scene, camera, small_display(), engine.Settings(max_specular_depth=hits)
+        ).warnings
         return [int(re.match(r"(\d+)%", text)[1]) for text in warnings if "stays black" in text]
 
     assert beyond(6) == []
@@ -297,12 +299,12 @@ def test_colorless_scenes_have_one_radiance(build, camera):
     for name, texture in (("gray", gray), ("colored", build.texture(64, 1))):
         scene = build.scene(wall=build.plane(1.0, build.emissive(texture)))
         plan = engine.plan(scene, camera, display)
-        assert plan.grey is (name == "gray")
+        assert plan.gray is (name == "gray")
         fields[name] = scene, plan
     scene, plan = fields["gray"]
     settings = engine.Settings(fixed={"passes": 16})
     field = engine.render(scene, camera, display, settings, plan)
-    three = engine.render(scene, camera, display, settings, replace(plan, grey=False))
+    three = engine.render(scene, camera, display, settings, replace(plan, gray=False))
     assert difference(field, three) < 1e-3
 
 
@@ -333,9 +335,9 @@ def test_more_paths_where_their_halves_differ(build, camera):
     scene, display = build.closed_box(), small_display(64)
     settings = engine.Settings(method="full")
     plan = engine.plan(scene, camera, display, settings)
-    few = replace(plan, passes=8, most_passes=256)
+    few = replace(plan, passes=8, max_passes=256)
     reports = [
-        engine.render(scene, camera, display, settings, replace(few, most_passes=most)).report
+        engine.render(scene, camera, display, settings, replace(few, max_passes=most)).report
         for most in (8, 256)
     ]
     assert reports[0]["radiance_passes"] == 8 and reports[1]["radiance_passes"] > 8

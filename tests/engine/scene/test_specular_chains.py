@@ -164,7 +164,7 @@ def test_diffuse_scenes_carry_no_chain_and_chains_can_be_left_out(build, camera,
     assert engine.plan(build.two_planes(build.diffuse), camera, small).chain == 0
     scene = build.scene(mirror=sphere_mirror(build, 0.3), lamp=behind(build, 0.5))
     assert engine.plan(scene, camera, small).chain > 0
-    without = engine.plan(scene, camera, small, engine.Settings(most_hits=0))
+    without = engine.plan(scene, camera, small, engine.Settings(max_specular_depth=0))
     assert without.chain == 0 and any("mirror" in w for w in without.warnings)
 
 

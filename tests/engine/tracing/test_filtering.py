@@ -20,7 +20,7 @@ def fields(scene, camera, pixels, passes, exact, other=None):
         fixed = {**(other or {}), "passes": passes, "filter": filtered}
         planned = engine.plan(scene, camera, display, replace(settings, fixed=fixed))
         planned = replace(
-            plan, passes=passes, most_passes=passes, reach=planned.reach, textures=planned.textures
+            plan, passes=passes, max_passes=passes, reach=planned.reach, textures=planned.textures
         )
         return engine.render(scene, camera, display, replace(settings, fixed=fixed, seed=seed), planned)
 

@@ -1,0 +1,48 @@
+"""Properties by the names of the version before: scripts, presets and files use them for one version more."""
+
+import warnings
+
+from ...engine.former_names import FORMER_NAMES, current_name
+
+NAMES = FORMER_NAMES["property"]
+
+
+def _former(old):
+    """Attribute of the former name; it is no property of Blender's, so files hold the current one."""
+
+    def warn(text):
+        warnings.warn(text, DeprecationWarning, stacklevel=4)
+
+    def get(self):
+        return getattr(self, current_name("property", old, warn))
+
+    def set_(self, value):
+        setattr(self, current_name("property", old, warn), value)
+
+    return property(get, set_, doc=f"Former name of `{NAMES[old]}`.")
+
+
+class FormerNames:
+    """Attributes of all former names, for classes of property groups."""
+
+    locals().update({old: _former(old) for old in NAMES})
+
+
+def adopt(props):
+    """Set properties from values that a file of the version before holds by their former names.
+
+    Parameters
+    ----------
+    props : bpy.types.PropertyGroup
+    """
+    # Blender 5 keeps values of properties apart from those that users add.
+    values = props.bl_system_properties_get() if hasattr(props, "bl_system_properties_get") else props
+    known = props.bl_rna.properties
+    for old, new in NAMES.items():
+        if values is None or old not in values or new not in known or props.is_property_set(new):
+            continue
+        value = values[old]
+        if known[new].type == "ENUM":
+            value = next((item.identifier for item in known[new].enum_items if item.value == value), None)
+        if value is not None:
+            setattr(props, new, value)

@@ -1,0 +1,54 @@
+"""Names of the version before. They work with a warning for one version, see docs/version-1.md."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+
+# Current names by kind of name and former name.
+FORMER_NAMES = {
+    "setting": {"most_hits": "max_specular_depth"},
+    "quality": {"full": "high"},
+    "decision": {"grey": "gray"},
+    "plan entry": {"grey": "gray", "most_passes": "max_passes", "wanted_error": "target_error"},
+    "packing": {"colour": "color"},
+    "property": {
+        "colours": "colors",
+        "focus_dioptres": "focus_diopters",
+        "most_hits": "max_specular_depth",
+    },
+}
+
+
+def warn(text: str, stacklevel: int = 4) -> None:
+    """Warn of a former name the caller of the function that looks it up."""
+    warnings.warn(text, DeprecationWarning, stacklevel)
+
+
+def current_name(kind: str, name: str, tell: Callable[[str], object] = warn) -> str:
+    """Find the current name of a setting, a choice or a property.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `FORMER_NAMES`; other kinds have no former names.
+    name : str
+        Former or current name.
+    tell : callable
+        ``tell(text)`` receives a sentence about a former name. Default: a DeprecationWarning.
+    """
+    new = FORMER_NAMES.get(kind, {}).get(name, name)
+    if new != name:
+        tell(f"The {kind} {name} is called {new} now. The next version will not accept the old name.")
+    return new
+
+
+def with_current_names(
+    kind: str, values: dict, tell: Callable[[str], object] = partial(warn, stacklevel=5)
+) -> dict:
+    """Return a dictionary with current names as keys; parameters as of `current_name`."""
+    current = {}
+    for name, value in values.items():
+        current[current_name(kind, name, tell)] = value
+    return current
