@@ -79,7 +79,7 @@ def once(name, method="auto", pixels=SIDE):
     field = engine.render(scene, camera, hologram, engine.Settings(frames=FRAMES, method=method), store=store)
     return {
         "wall": time.perf_counter() - start,
-        "foretold": field.report["foretold"]["stages"],
+        "foretold": field.report["estimated"]["stages"],
         "came": field.report["seconds"],
         "cached": field.plan["cached"],
         "bake": field.report.get("bake"),

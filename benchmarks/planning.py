@@ -1,4 +1,4 @@
-"""What the planner saves: six scenes, as planned and with everything switched on; what it foretold, and what came."""
+"""What the planner saves: six scenes, as planned and with everything switched on; what it estimated, and what came."""
 
 import math
 import sys
@@ -155,17 +155,17 @@ def measure(name, pixels=SIDE):
             engine.psnr(p, t, round(BORDER * pixels / SIDE)) for p, t in zip(pictures, truth, strict=True)
         ]
 
-    foretold = field.report["foretold"]
+    estimated = field.report["estimated"]
     return {
         "seconds": 0.5 * (seconds + again),
         "first_seconds": seconds,
         "everything_seconds": all_seconds,
         "psnr": psnr(field),
         "everything_psnr": psnr(all_field),
-        "seconds_foretold": foretold["seconds"]["plan"],
-        "seconds_measured": foretold["seconds"]["measured"],
-        "error_foretold": foretold["field_error"]["plan"],
-        "error_by_halves": foretold["field_error"]["measured"],
+        "seconds_foretold": estimated["seconds"]["plan"],
+        "seconds_measured": estimated["seconds"]["measured"],
+        "error_foretold": estimated["field_error"]["plan"],
+        "error_by_halves": estimated["field_error"]["measured"],
         "error_measured": field_error(scene, camera, hologram, balanced, field),
         "stages": field.report["seconds"],
         "everything_stages": all_field.report["seconds"],
@@ -179,7 +179,7 @@ def run(*names, pixels=SIDE):
         f"planning: {pixels} x {pixels}, 8 µm, three wavelengths, M = {FRAMES}, balanced; seconds with the plan, "
         "kernels compiled; PSNR over the foci against the thin lens",
         f"  {'scene':20s} {'planned':>8s} {'all on':>8s} {'ratio':>6s}   {'PSNR':>20s} {'all on':>20s}   "
-        f"{'foretold s':>10s} {'came':>6s}   {'foretold error':>14s} {'halves':>7s} {'came':>7s}",
+        f"{'estimated s':>10s} {'came':>6s}   {'estimated error':>14s} {'halves':>7s} {'came':>7s}",
     ]
 
     def line(name):

@@ -3,8 +3,9 @@
 import importlib.util
 from dataclasses import dataclass, field, replace
 
+from holopath_addon.engine.settings.choices import BASELINES
+
 from holopath_addon import engine
-from holopath_addon.engine.settings import BASELINES
 
 from . import peers
 
@@ -64,7 +65,7 @@ class Method:
         return None
 
 
-QUALITIES = {quality: {"quality": quality} for quality in engine.settings.QUALITIES}
+QUALITIES = {quality: {"quality": quality} for quality in engine.settings.choices.QUALITIES}
 OTHERS = tuple(frames for frames in FRAMES if frames != M)
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}

@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from .. import engine, slm
-from ..engine.settings import Choice
+from ..engine.settings.choices import Choice
 from ..slm.drivers.controller import BAUD, MIN_BAUD
 from ..slm.drivers.slmsuite_device import DEVICES, options_of
 

@@ -10,7 +10,7 @@ import numpy as np
 from .. import engine
 from ..engine import encoding, files
 from ..engine.progress import Stages
-from ..engine.settings import BASELINES, ENCODINGS
+from ..engine.settings.choices import BASELINES, ENCODINGS
 from ..farm.job import EncodingJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work

@@ -8,10 +8,11 @@ from functools import partial
 from typing import Any
 
 from .. import engine
-from ..engine.former_names import FORMER_NAMES, current_name
 from ..engine.optics import COLORS
 from ..engine.pixels import Pitch
-from ..engine.settings import BASELINES, DECLARED, Choice, Settings, default_of
+from ..engine.settings import DECLARED, Settings, default_of
+from ..engine.settings.choices import BASELINES, Choice
+from ..engine.settings.former_names import FORMER_NAMES, current_name
 from ..exchange.optics import (
     BEAM_WORDS,
     LENS_WORDS,

@@ -11,7 +11,8 @@ from .. import engine
 from ..blender.demo import DEMOS
 from ..engine import displays
 from ..engine.progress import Stages
-from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
+from ..engine.settings import ENCODE_SECONDS, EYEBOX
+from ..engine.settings.choices import BASELINES, DEPTH_MAPPINGS, ENCODINGS
 from ..exchange import captures
 from ..exchange.optics import beam_files, stop_files
 from ..farm import ranges

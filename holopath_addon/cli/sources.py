@@ -695,7 +695,7 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
         If there is no scene, or it cannot be opened.
     """
     report = output.read_report(folder)
-    opened = report.get("opened") or {}  # missing in reports of versions before 0.3
+    opened = report.get("scene_state") or {}  # missing in reports of versions before 0.3
     name = name or scene_name(report)
     if not name:
         raise engine.InvalidInput(f"The report in {folder} does not name a scene. Give it with --scene.")

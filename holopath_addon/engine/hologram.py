@@ -11,7 +11,7 @@ import numpy as np
 from .errors import InvalidInput
 from .optics import ON_AXIS, Lens, Optics
 from .pixels import EvenSteps, Pitch, Raster, axes, coarsest
-from .settings import DEPTH_MAPPINGS
+from .settings.choices import DEPTH_MAPPINGS
 
 # Default depth range in meters from the SLM, negative behind it, for displays whose shorter side is 512 pixels of 8 µm
 # or longer. Scenes at the near end and up to twice its distance are at most 1.5 mm from the SLM. Measured:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Generic, TypeVar
 
-from .former_names import with_current_names
 from .settings import Settings
+from .settings.former_names import with_current_names
 from .slabs import Slab
 
 T = TypeVar("T")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
-from ..engine.former_names import current_name
 from ..engine.memory import shortage
 from ..engine.optics import ON_AXIS
 from ..engine.pixels import Pitch
+from ..engine.settings.former_names import current_name
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts

@@ -332,7 +332,7 @@ def rows(study: Study, out: Path) -> list[dict]:
 def _columns_of(report):
     """Columns of a run that do not depend on the focus; lengths in meters, as in the report."""
     hologram, plan = report["hologram"], report["plan"]
-    estimates = report.get("foretold") or {}  # baselines have none
+    estimates = report.get("estimated") or {}  # baselines have none
     columns: dict[str, Any] = {
         f"{name}_m" if DECLARED[name].unit else name: value
         for name, value in report["settings"].items()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.errors import InvalidInput
-from ..engine.former_names import current_name
-from ..engine.settings import Choice
+from ..engine.settings.choices import Choice
+from ..engine.settings.former_names import current_name
 from ..engine.waves.bit_layout import LAYOUTS, BitLayout, layout_beside
 
 

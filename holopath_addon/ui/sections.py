@@ -11,7 +11,8 @@ from ..blender import preferences, properties
 from ..blender.properties import HoloPathSettings, display_of, pitch_of, property_of
 from ..engine.pixels import axes, in_words
 from ..engine.progress import duration
-from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS, EYEBOX
+from ..engine.settings import DECLARED, ENCODE_SECONDS, EYEBOX
+from ..engine.settings.choices import BASELINES, ENCODINGS
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
 from ..workflow import pipeline

@@ -17,6 +17,7 @@ import numpy as np
 from ..engine import InvalidInput, PhaseHologram, Pupil, WaveField
 from ..engine.files import BROWSER_FILES, whole_file, whole_folder
 from ..engine.scene import variants
+from ..engine.settings.former_names import FORMER_NAMES, with_current_names
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"
@@ -414,13 +415,19 @@ def read_report(folder):
     Returns
     -------
     dict
-        Empty if there is no readable report.
+        Entries by their current names; empty if there is no readable report.
     """
     try:
         report = json.loads((Path(folder) / "report.json").read_text())
     except (OSError, ValueError):
         return {}
-    return report if isinstance(report, dict) else {}
+    if not isinstance(report, dict):
+        return {}
+    report = with_current_names("report entry", report, tell=lambda text: None)
+    focus = report.get("requested_focus")
+    if isinstance(focus, list):
+        report["requested_focus"] = [FORMER_NAMES["focus"].get(depth, depth) for depth in focus]
+    return report
 
 
 def write_report(folder, report):

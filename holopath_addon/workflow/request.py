@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..engine.waves.display_model import DisplayModel
     from ..engine.waves.modulator import Levels
 
-CENTER = "centre"  # focus on the middle of the view, as stored in reports
+CENTER = "center"  # focus on the middle of the view, as stored in reports
 
 
 @dataclass(frozen=True)
@@ -190,10 +190,10 @@ class Request:
             "camera": self.camera.to_dict(),
             "hologram": self.hologram.to_dict(),
             "settings": asdict(self.settings),
-            "focus_asked": self.focus,
+            "requested_focus": self.focus,
             "pupil_m": asdict(self.pupil) if self.pupil else None,
-            "compared": outputs.reference,
-            "encoded": encoding.method,
+            "compare_reference": outputs.reference,
+            "encode": encoding.method,
             "encoding_bits": encoding.bits,
             "encoding_levels": encoding.levels and [each.to_dict() for each in encoding.levels],
             "encoding_display": encoding.display and [model.to_dict() for model in encoding.display],
@@ -202,6 +202,6 @@ class Request:
             "quilt": outputs.quilt and list(outputs.quilt),
             "encode_seconds": encoding.seconds,
             "eyebox": encoding.eyebox,
-            "phases_before": encoding.previous and encoding.previous.parent.name,
+            "previous_phases": encoding.previous and encoding.previous.parent.name,
             "contact_sheet": outputs.contact_sheet,
         }

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .. import engine
-from ..engine.former_names import current_name, with_current_names
 from ..engine.progress import Clock, Stages
+from ..engine.settings.former_names import current_name, with_current_names
 from . import output, pipeline
 from .request import Outputs
 from .writers import WRITERS, Still, write_field, write_phases
@@ -19,27 +19,36 @@ from .writers import WRITERS, Still, write_field, write_phases
 # Inputs of a still, by keys of its report: those that affect only its phases, those that do not affect its field, and
 # names for the user.
 _PHASES = {
-    "encoded",
+    "encode",
     "encoding_bits",
     "encoding_levels",
     "encoding_display",
     "encode_seconds",
     "eyebox",
-    "phases_before",
+    "previous_phases",
 }
-_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", "contact_sheet", *_PHASES}
+_VIEW = {
+    "requested_focus",
+    "pupil_m",
+    "compare_reference",
+    "rgbd",
+    "light_field",
+    "quilt",
+    "contact_sheet",
+    *_PHASES,
+}
 _NAMES = {
     "scene_digest": "scene",
-    "focus_asked": "focus",
+    "requested_focus": "focus",
     "pupil_m": "pupil",
-    "compared": "comparison with the reference",
-    "encoded": "encoding",
+    "compare_reference": "comparison with the reference",
+    "encode": "encoding",
     "encoding_bits": "bits",
     "encoding_levels": "measured levels",
     "encoding_display": "fitted display",
     "encode_seconds": "time limit of the encoding",
     "eyebox": "eyebox",
-    "phases_before": "phases of the previous frame",
+    "previous_phases": "phases of the previous frame",
     "rgbd": "image with depth",
     "light_field": "light field",
     "quilt": "quilt",
@@ -155,7 +164,7 @@ def _report(still, inputs, notes):
     report: dict[str, Any] = {
         "scene": origin.name,
         "scene_path": os.path.abspath(origin.name) if os.path.isfile(origin.name) else None,
-        "opened": origin.opened,
+        "scene_state": origin.opened,
         **inputs,
         "plan": plan.to_dict(),
         "focus_m": result.focus,
@@ -165,7 +174,7 @@ def _report(still, inputs, notes):
         "variant": found.get("variant"),
         "field_seconds": found.get("seconds", {}),
         "bake": found.get("bake"),
-        "foretold": found.get("foretold"),
+        "estimated": found.get("estimated"),
         "warnings": list(dict.fromkeys([*plan.warnings, *pipeline.bake_notes(found.get("bake")), *notes])),
         "export_notes": origin.notes,
     }
@@ -203,7 +212,7 @@ def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Res
         if request.encoding.is_requested and not _PHASES & changed.keys():
             encoded = _load_phases(folder)
             if encoded is None:
-                changed["encoded"] = [_NAMES["encoded"]]
+                changed["encode"] = [_NAMES["encode"]]
         if not changed:
             if request.origin.job and report.get("job") != request.origin.job:
                 report |= {"job": request.origin.job}

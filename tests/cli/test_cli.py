@@ -582,8 +582,8 @@ def test_the_camera_and_the_frame_of_a_render_are_found_again(empty_scene, tmp_p
     words = ["--method", "refine", "--encode-seconds", "2", "--quiet"]
     assert cli.main(["encode", str(out), *words]) == 0, capfd.readouterr().err
     report = json.loads((out / "report.json").read_text())
-    assert report["opened"] == {"frame": 3, "camera": "Far", "scene": None, "view_layer": None}
-    report["opened"]["frame"] = 4
+    assert report["scene_state"] == {"frame": 3, "camera": "Far", "scene": None, "view_layer": None}
+    report["scene_state"]["frame"] = 4
     (out / "report.json").write_text(json.dumps(report))
     refused(cli.main(["encode", str(out), *words]), capfd.readouterr().err, 2, "has changed")
 

@@ -252,7 +252,7 @@ def test_the_definitions_of_a_render_are_found_again(written, tmp_path, capfd):
     assert (
         "24 x 20 pixels, the size of the film in scene.xml; --resolution WxH for another one." in attributes
     )
-    assert sources.output.read_report(out)["opened"]["define"] == {"width": "24"}
+    assert sources.output.read_report(out)["scene_state"]["define"] == {"width": "24"}
     field = sources.output.stored_field(out)
     assert (field.hologram.width, field.hologram.height) == (24, 20)
     assert sources.reopen(out, field).same

@@ -174,9 +174,9 @@ def test_the_table_tells_what_the_reports_do(study, tmp_path):
         for name in studies.FIGURES:
             assert float(row[name]) == report["comparison"][index][name]
         assert float(row["planned_seconds"]) == report["plan"]["seconds"]
-        assert float(row["measured_seconds"]) == report["foretold"]["seconds"]["measured"]
+        assert float(row["measured_seconds"]) == report["estimated"]["seconds"]["measured"]
         assert float(row["planned_field_error"]) == report["plan"]["error"]
-        assert float(row["measured_field_error"]) == report["foretold"]["field_error"]["measured"]
+        assert float(row["measured_field_error"]) == report["estimated"]["field_error"]["measured"]
         assert float(row["planned_memory_bytes"]) == report["plan"]["memory_bytes"]
         assert float(row["seconds_total"]) == report["seconds"]["total"]
         assert float(row["seconds_wave_tracing"]) == report["seconds"]["wave tracing"]

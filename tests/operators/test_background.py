@@ -238,7 +238,7 @@ def test_what_the_window_shows_is_rendered(moving, tmp_path):
         each.exclude = True
     with bpy.context.temp_override(view_layer=layer):
         assert bpy.ops.holopath.render_animation() == {"FINISHED"}
-    opened = json.loads((tmp_path / "out" / "frame_0001" / "report.json").read_text())["opened"]
+    opened = json.loads((tmp_path / "out" / "frame_0001" / "report.json").read_text())["scene_state"]
     assert (opened["scene"], opened["view_layer"]) == (moving.name, "Foreground")
     background._check_free(tmp_path / "out", "saved.blend", "Since")
     job = tmp_path / "out" / "job.json"

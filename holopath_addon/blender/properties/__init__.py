@@ -22,7 +22,8 @@ from bpy.props import (
 )
 
 from ... import engine
-from ...engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
+from ...engine.settings import DECLARED, ENCODE_SECONDS, EYEBOX, default_of
+from ...engine.settings.choices import DEPTH_MAPPINGS, ENCODINGS
 from ..device_properties import HoloPathDevice, menu
 from .decimals import tidy
 from .former import FormerNames, adopt

@@ -2,7 +2,7 @@
 
 import warnings
 
-from ...engine.former_names import FORMER_NAMES, current_name
+from ...engine.settings.former_names import FORMER_NAMES, current_name
 
 NAMES = FORMER_NAMES["property"]
 

@@ -16,7 +16,7 @@ import scipy.ndimage
 
 from ..mapping import DepthMapping, squared
 from ..pixels import beyond
-from ..settings import BASELINES
+from ..settings.choices import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import (
     TEACHING_GUARD,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..settings import ENCODINGS
+from ..settings.choices import ENCODINGS
 from ..waves import arrays
 from ..waves.modulator import Levels
 from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, randomness_for

@@ -13,7 +13,7 @@ from ..encoding.options import eyebox_for
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
-from ..settings import BASELINES, ENCODINGS
+from ..settings.choices import BASELINES, ENCODINGS
 from ..waves.phase_fields import DESIGNED_STARTS, SETS, randomness_for
 
 if TYPE_CHECKING:

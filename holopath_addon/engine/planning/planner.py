@@ -19,7 +19,8 @@ from ..progress import named
 from ..scene import variants
 from ..scene.meshes.joining import MANY_INSTANCES, instances_cost
 from ..scene.variants import chunks_at_once
-from ..settings import BASELINES, Settings
+from ..settings import Settings
+from ..settings.choices import BASELINES
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle, libraries
 from ..waves.lens import behind_lens

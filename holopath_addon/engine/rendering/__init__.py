@@ -13,7 +13,8 @@ from ..mapping import traced, widened
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
-from ..settings import BASELINES, Settings
+from ..settings import Settings
+from ..settings.choices import BASELINES
 from ..wavefield import WaveField
 from ..waves import libraries
 from .extra_frames import co_traced_phasors

@@ -12,7 +12,7 @@ from ..memory import AT_ONCE
 from ..planning.phases import MIN_EXTRA_FRAMES, co_traced_of
 from ..progress import Clock, Stages, named, parts
 from ..scene import variants
-from ..settings import BASELINES
+from ..settings.choices import BASELINES
 from ..waves.phase_fields import SETS, designed_phasors
 from .fields import Tracing, at_slm
 from .render_context import RenderContext

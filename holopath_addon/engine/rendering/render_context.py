@@ -166,7 +166,7 @@ def report_of(
         "variant": variants.activate(),
         "frames": plan.settings.frames,
         "radiance_passes": passes,
-        "foretold": {
+        "estimated": {
             "seconds": {
                 "plan": plan.seconds,
                 "measured": sum(seconds.values()) - seconds.get("plan", 0.0),

@@ -13,7 +13,7 @@ from ...engine import rendering
 from ...engine.scene import variants
 from ...export import ExportCache, ExportedScene, read_scene
 from ...workflow import pipeline
-from ...workflow.request import Origin, Request
+from ...workflow.request import CENTER, Origin, Request
 
 # Results of the last export of the window's scene.
 cache = ExportCache()
@@ -181,6 +181,6 @@ def request_of(props, hologram, settings, origin):
     Request
         Request without the scene.
     """
-    focus = "centre" if props.focus_auto else properties.focus_of(props)
+    focus = CENTER if props.focus_auto else properties.focus_of(props)
     pupil, store = properties.pupil_or_none(props), preferences.store()
     return Request(hologram, settings, [focus], pupil, store, origin=origin)

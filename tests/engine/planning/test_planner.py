@@ -325,7 +325,7 @@ def test_the_error_of_the_field_is_estimated_and_measured(build, camera):
     field = engine.render(scene, camera, display, settings)
     exact = engine.render(scene, camera, display, replace(settings, fixed={"passes": 2048}))
     true = difference(field, exact)
-    errors = field.report["foretold"]["field_error"]
+    errors = field.report["estimated"]["field_error"]
     assert errors["measured"] == pytest.approx(true, rel=0.25)
     assert 1 / 1.5 < errors["plan"] / true < 1.5
 
@@ -341,7 +341,7 @@ def test_more_paths_where_their_halves_differ(build, camera):
         for most in (8, 256)
     ]
     assert reports[0]["radiance_passes"] == 8 and reports[1]["radiance_passes"] > 8
-    before, after = (report["foretold"]["field_error"]["measured"] for report in reports)
+    before, after = (report["estimated"]["field_error"]["measured"] for report in reports)
     assert after < 0.5 * before
 
 

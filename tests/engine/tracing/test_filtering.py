@@ -29,7 +29,7 @@ def fields(scene, camera, pixels, passes, exact, other=None):
         field = light(passes, filtered, 0)
         errors.append(np.linalg.norm(field.data - truth) / np.linalg.norm(truth))
         brightness.append(float((abs(field.data) ** 2).sum() / (abs(truth) ** 2).sum()))
-        told.append(field.report["foretold"]["field_error"]["measured"])
+        told.append(field.report["estimated"]["field_error"]["measured"])
     return errors, brightness, told
 
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine import former_names
 from holopath_addon.engine.planning.fixable import FIXABLE
-from holopath_addon.engine.settings import DECLARED
+from holopath_addon.engine.settings import DECLARED, former_names
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,15 @@ FORMER_NAMES = {
     "quality": {"full": "high"},
     "decision": {"grey": "gray"},
     "plan entry": {"grey": "gray", "most_passes": "max_passes", "wanted_error": "target_error"},
+    "report entry": {
+        "compared": "compare_reference",
+        "encoded": "encode",
+        "focus_asked": "requested_focus",
+        "foretold": "estimated",
+        "opened": "scene_state",
+        "phases_before": "previous_phases",
+    },
+    "focus": {"centre": "center"},
     "packing": {"colour": "color"},
     "property": {
         "colours": "colors",
@@ -44,8 +53,11 @@ def current_name(kind: str, name: str, tell: Callable[[str], object] = warn) -> 
     return new
 
 
+_warn_from_dictionary = partial(warn, stacklevel=5)  # the look-up is one call deeper
+
+
 def with_current_names(
-    kind: str, values: dict, tell: Callable[[str], object] = partial(warn, stacklevel=5)
+    kind: str, values: dict, tell: Callable[[str], object] = _warn_from_dictionary
 ) -> dict:
     """Return a dictionary with current names as keys; parameters as of `current_name`."""
     current = {}
