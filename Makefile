@@ -27,7 +27,7 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
 # Rooms whose names, docstrings and spelling `make lint` checks; see also ruff's exceptions in pyproject.toml.
-FINISHED_ROOMS := slm exchange farm export engine/encoding engine/waves
+FINISHED_ROOMS := blender cli engine exchange export farm llvm_package operators slm ui workflow
 
 # Those that compare what is computed with formulas, with Mitsuba's thin lens, with Cycles, and with LLVM.
 CUDA_TESTS := tests/engine tests/export tests/stability tests/blender/test_demo.py tests/test_mitsuba_plugins.py tests/test_cuda.py

@@ -53,7 +53,7 @@ def _film(size, folder):
     frame = reports[1].parent
     written = sum(path.stat().st_size for path in frame.rglob("*") if path.is_file())
     with Operations(folder) as operations:
-        stills.made(frame, json.loads(reports[1].read_text())["job"], "none")
+        stills.is_complete(frame, json.loads(reports[1].read_text())["job"], "none")
     done = operations.count
     return {"start": spent - first - second, "frame": [second, written, done, max(first - second, 0.0)]}
 

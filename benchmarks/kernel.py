@@ -16,7 +16,9 @@ from holopath_addon.engine.tracing.estimators import LatticeEstimator
 from holopath_addon.engine.tracing.grain_grid import GrainGrid
 from holopath_addon.engine.tracing.kernel_table import Lattice, kernel_table
 from holopath_addon.engine.tracing.measurement import Measurement
-from holopath_addon.engine.tracing.wave_tracer import Part, blocks_of, trace_blocks
+from holopath_addon.engine.tracing.wave_kernel import Part, WaveKernel
+from holopath_addon.engine.tracing.wave_tracer import blocks_of, trace_blocks
+from holopath_addon.engine.waves.arrays import PROCESSOR
 from holopath_addon.engine.waves.phase_fields import random_phasors
 
 from .scenes import FOV, GREEN, Scenes
@@ -75,14 +77,14 @@ def run(pixels=512, repeats=5):
     grid = GrainGrid(pixels, pixels, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
     measurement = Measurement(scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0)
-    radiance = measurement.measured(lambda done: None)
+    radiance = measurement.measure(lambda done: None)
     phasors = random_phasors(max(FRAMES), pixels, pixels)
     part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, optics)
 
     def trace(frames):
         blocks = blocks_of([(pixels * pixels, part.rays_per_pixel)], frames, 1, plan.chunk)
-        what = [part], blocks, radiance, phasors[:frames], 0, plan.chunk, lambda done: None
-        for _ in trace_blocks(scene, hologram, *what):
+        kernel = WaveKernel(scene, hologram, radiance, seed=0, like=PROCESSOR)
+        for _ in trace_blocks(kernel, [part], blocks, phasors[:frames], plan.chunk, lambda done: None):
             pass
 
     works = {

@@ -13,7 +13,7 @@ import scipy.fft
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.rendering import planned
+from holopath_addon.engine.rendering import render_context
 from holopath_addon.engine.waves.phase_fields import SETS, designed_phasors, phasors_of
 from holopath_addon.engine.waves.propagation import transfer_function
 
@@ -247,7 +247,9 @@ def bits(pixels):
             np.mean([contrast(rounded(designed_phasors(m), count), GREEN, z) for z in _defocus(pixels)[::6]])
             for m in (8, 24)
         ]
-        with mock.patch.object(planned, "phasors_of", lambda *a, count=count: rounded(phasors_of(*a), count)):
+        with mock.patch.object(
+            render_context, "phasors_of", lambda *a, count=count: rounded(phasors_of(*a), count)
+        ):
             shown = _three_planes(view, engine.Settings(frames=24, max_depth=1))
         lines.append(
             f"  {count} bits   {cells[0]:.3f} {cells[1]:.3f}   " + " ".join(f"{v:5.1f}" for v in shown[0])

@@ -44,7 +44,7 @@ def until(done, what):
 def over():
     """Wait until what is at work has ended, and its picture is shown."""
     session = module("operators.session")
-    yield from until(lambda: session.current.job is None and not session.refocusing(), "still at work")
+    yield from until(lambda: session.current.job is None and not session.is_refocusing(), "still at work")
     assert not session.current.error, session.current.error
     yield 0.3
 
@@ -163,7 +163,7 @@ def rendering():
     scene().holopath.frames = 24  # or the hologram is there too soon for a draft
     session = module("operators.session")
     press(api.ops.holopath.render_hologram)
-    yield from until(lambda: session.current.draft and not session.refocusing(), "no draft is shown")
+    yield from until(lambda: session.current.draft and not session.is_refocusing(), "no draft is shown")
     yield from until(lambda: session.current.job.done > 0.3, "the hologram does not go on")
     return ["IMAGE_EDITOR", "VIEW_3D"], drawn(VIEW, IMAGE)
 
@@ -275,7 +275,9 @@ def device():
     yield from encoded("sgd")
     props, devices = scene().holopath.device, module("operators.devices")
     press(api.ops.holopath.find_devices)
-    yield from until(lambda: "monitors" in module("blender.device_properties").found, "no devices are found")
+    yield from until(
+        lambda: "monitors" in module("blender.device_properties").found_devices, "no devices are found"
+    )
     props.driver, props.rate = "display", 10.0  # which the slowest machine keeps
     press(api.ops.holopath.stream)
     yield from until(lambda: devices.current.counts and devices.current.counts.shown > 50, "nothing is shown")

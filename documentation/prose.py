@@ -14,11 +14,7 @@ from mdit_py_plugins.dollarmath import dollarmath_plugin
 
 ROOT = Path(__file__).parents[1]
 LONG = 35  # words
-LOGS = {
-    "chart.md",
-    "measurements.md",
-    "exporter.md",
-}  # figures, by the programs that measure them and as a log
+LOGS = {"chart.md", "exporter.md"}  # figures, by the programs that measure them
 _ENDS = re.compile(r"(?<=[.!?])[)\"”*_]*\s+(?=[^a-z\s])|:\s*\n|\n\n")
 _ABBREVIATIONS = re.compile(r"\b(e\.g|i\.e|et al|Fig|Eq|eq|vs|No|cf|pp|Graph|Trans)\.")
 

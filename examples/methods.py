@@ -41,7 +41,7 @@ for method in METHODS:
     told = []
     for row, wanted, (focus, pupil) in zip(rows, truth, looks, strict=True):
         image = engine.reconstruct(field, [focus], pupil)[0]
-        image = image if pupil is None else assessment.even(field, image, pupil)
+        image = image if pupil is None else assessment.balance_colors(field, image, pupil)
         told.append(f"{engine.psnr(image, wanted):.1f}")
         row.append(image * (wanted.mean() / image.mean()))
     print(f"{method}: near {told[0]}, far {told[1]}, at the side {told[2]} dB, {seconds:.0f} s")

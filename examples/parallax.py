@@ -24,7 +24,7 @@ images = []
 for x in np.linspace(-2 / 3, 2 / 3, 12) * radius:
     pupil = engine.Pupil(x, 0.0, 2 / 3 * radius)
     # Red fills a wider cone than blue, so that a part of the pupil has less of its light.
-    images.append(assessment.even(field, refocus([0.5], pupil)[0], pupil))
+    images.append(assessment.balance_colors(field, refocus([0.5], pupil)[0], pupil))
 print(f"The pupil that all colors fill is {2e3 * radius:.2f} mm wide.")
 
 save_loop(path, shown(images))

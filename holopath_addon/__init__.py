@@ -5,11 +5,11 @@
 
 from . import llvm_package
 
-llvm_package.name()  # before anybody imports Mitsuba
+llvm_package.set_library_variable()  # before anybody imports Mitsuba
 
 
 def register():
-    """Register everything with Blender; if one part fails, none stays."""
+    """Register everything with Blender; if one part fails, the others are unregistered."""
     from .blender import registration
 
     registration.register()

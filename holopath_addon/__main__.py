@@ -1,10 +1,10 @@
-"""``python -m holopath_addon``, or ``blender --background --python HERE/__main__.py -- ...``."""
+"""Entry point of ``python -m holopath_addon`` and ``blender --background --python HERE/__main__.py -- ...``."""
 
 import sys
 
 if __package__:
     from .cli import main
-else:  # run as a file: find the package by its folder's name
+else:  # run as a file: the package is named like its folder
     import importlib
     from pathlib import Path
 

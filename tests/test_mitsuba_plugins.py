@@ -59,10 +59,10 @@ def test_refused(name, folder):
 
 @pytest.mark.parametrize("name", NOTED)
 def test_noted(name, folder):
-    from holopath_addon.engine.planning.unmodelled import unmodelled
+    from holopath_addon.engine.planning.unmodeled import unmodeled_warnings
 
     scene, _ = opened(CASES[name], folder)
-    assert any(re.search(CASES[name].noted, warning) for warning in unmodelled(scene))
+    assert any(re.search(CASES[name].noted, warning) for warning in unmodeled_warnings(scene))
 
 
 @pytest.mark.slow
@@ -142,10 +142,10 @@ def test_by_the_command_line(name, folder):
 )
 def test_small_spheres_light_too_little_on_graphics_cards(backend, monkeypatch, variant, radius, told):
     from benchmarks.scenes import Scenes
-    from holopath_addon.engine.planning import unmodelled
+    from holopath_addon.engine.planning import unmodeled
 
     build = Scenes()
-    monkeypatch.setattr(unmodelled.variants, "activate", lambda: variant)
+    monkeypatch.setattr(unmodeled.variants, "activate", lambda: variant)
     lamp = {"type": "sphere", "center": [1, 2, 0.2], "radius": radius, **build.emissive(build.grey(1))}
     scene = build.scene(wall=build.plane(2.0, build.diffuse(build.grey(0.5))), lamp=lamp)
-    assert sum("lamp may light too little" in note for note in unmodelled.unmodelled(scene)) == told
+    assert sum("lamp may light too little" in note for note in unmodeled.unmodeled_warnings(scene)) == told

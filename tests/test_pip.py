@@ -131,24 +131,24 @@ def package(tmp_path, monkeypatch):
 def test_the_library_is_found_and_named(package, monkeypatch, system, path):
     monkeypatch.setattr(sys, "platform", system)
     assert llvm_package.library() == (package / path if path else None)
-    llvm_package.name()
+    llvm_package.set_library_variable()
     assert os.environ.get("DRJIT_LIBLLVM_PATH") == (str(package / path) if path else None)
 
 
 def test_others_choice_of_llvm_stays(package, monkeypatch):
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "chosen")
-    llvm_package.name()
+    llvm_package.set_library_variable()
     assert os.environ["DRJIT_LIBLLVM_PATH"] == "chosen"
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())  # holopath_llvm is there
-    llvm_package.name()
+    llvm_package.set_library_variable()
     assert "DRJIT_LIBLLVM_PATH" not in os.environ
 
 
 def test_without_the_package_nothing_is_named(package, monkeypatch):
     shutil.rmtree(package / "llvm")
     importlib.invalidate_caches()
-    llvm_package.name()
+    llvm_package.set_library_variable()
     assert "DRJIT_LIBLLVM_PATH" not in os.environ
 
 

@@ -76,9 +76,9 @@ STACKS = {name: DESCENTS[name] for name in ("draft", "preview", "balanced")} | {
     "high": DESCENTS["high"],
 }
 SUPERVISED = {
-    "rgbd-sgd": (DESCENTS, {"balanced": OTHERS}),
-    "focal-stack": (STACKS, {"preview": (1,), "balanced": OTHERS}),
-    "light-field": (DESCENTS, {"balanced": OTHERS}),
+    "rgbd-sgd": (DESCENTS, {"preview": OTHERS}),
+    "focal-stack": (STACKS, {"preview": (1,), "balanced": (3, 24)}),
+    "light-field": (DESCENTS, {"preview": OTHERS}),
 }
 TUNED = """`rgbd-sgd`, `focal-stack` and `light-field` take 30 to 600 Adam steps a color, at the rate and memory with
 which they gain most. Their pictures have 4 to 256 paths a pixel and color, those of `focal-stack` also 128, for noise

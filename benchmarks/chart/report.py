@@ -17,7 +17,7 @@ import numpy as np
 from holopath_addon import engine
 
 from ..parts import attempt
-from . import analysis, looks, measure, pictures
+from . import analysis, archive, looks, measure, pictures
 from .looks import HEADLINE, LOOKS, PUPILS
 from .methods import ENCODED, SHOWN_BUDGETS, TUNED, M, methods
 from .scenes import SCENES
@@ -47,12 +47,14 @@ INTRODUCTION = (
     """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, which takes two to three hours on
-two cores, `make chart-quick` a part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
-[--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. What is measured
-already is kept in build/chart as long as the code that it depends on stays as it is, so that a chart that was stopped
-goes on where it was. A part that fails is named at the end of the page, with its reason, and measured again the next
-time. With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
+scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on
+two cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
+[--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. Records are kept in
+build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped goes on where it
+was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
+records, and this page is written from all that is published. So scenes may come from several machines, but what is
+compared at equal seconds does not. A part that fails is named at the end of the page, with its reason, and measured
+again the next time. With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -147,9 +149,18 @@ def write(chart, records, made, docs=False, since=None):
     folder.mkdir(parents=True, exist_ok=True)
     faults, known = [], methods(chart.hologram)
     before = [] if since is None else earlier(since)
+    measured = [record for record in records if record["scene"] in SCENES and "failed" not in record]
+    ceilings = attempt(faults, "references", lambda: _ceilings(chart, measured), instead={})
+    parts = archive.parts_of(records, made, ceilings)
+    if docs:
+        whole_parts = {name: part for name, part in parts.items() if _is_whole(chart, name, part)}
+        archive.save(whole_parts, archive.FOLDER)
+        parts = archive.load((*SCENES, archive.TRIANGLES), archive.FOLDER)
+    records = [record for part in parts.values() for record in part["records"]]
     failed = [record for record in records if "failed" in record]
     timed = [record for record in records if record["scene"] not in SCENES and "failed" not in record]
     figures = [record for record in records if record["scene"] in SCENES and "failed" not in record]
+    ceilings = {name: part["reference"] for name, part in parts.items() if part["reference"]}
     usual = {name: chart.usual(method) for name, method in known.items()}
     triangles = [
         {"method": r["method"], "triangles": int(r["scene"].split()[1]), "seconds": r["seconds"]}
@@ -159,6 +170,8 @@ def write(chart, records, made, docs=False, since=None):
         **asdict(made),
         "chart": chart.name,
         "hologram": chart.hologram.to_dict(),
+        "made": {name: part["made"] for name, part in parts.items()},
+        "reference": ceilings,
         "records": figures,
         "triangles": triangles,
         "failed": failed,
@@ -172,26 +185,26 @@ def write(chart, records, made, docs=False, since=None):
     budgets = attempt(
         faults, "budgets", lambda: {s: analysis.compare(_of(figures, s)) for s in scenes}, instead={}
     )
-    ceilings = attempt(faults, "references", lambda: _ceilings(chart, figures), instead={})
-    whole |= {"reference": ceilings, "budgets": budgets}
+    whole |= {"budgets": budgets}
     save()
     attempt(faults, "chart.csv", lambda: _write_csv(folder / "chart.csv", figures))
     ratios = attempt(faults, "ratios", lambda: analysis.ratios(figures, usual), instead={})
     table = attempt(faults, "Table 1", lambda: analysis.table_1(figures, usual), instead=([], {}))
     shown = attempt(faults, "frames", lambda: _shown(figures, known), instead={})
     names = pictures.draw(chart, figures, triangles, table, shown, folder, faults)
+    published = _published_close_ups(figures, names) if docs else []
     page = _page(
         chart,
         figures,
         triangles,
         budgets,
         failed,
-        made,
+        {name: part["made"] for name, part in parts.items()},
         ratios,
         table,
         ceilings,
         shown,
-        names,
+        [*names, *published],
         faults,
         before,
     )
@@ -213,6 +226,29 @@ def write(chart, records, made, docs=False, since=None):
         instead=[],
     )
     return "\n".join(tables), faults
+
+
+def _is_whole(chart, name, part):
+    """Whether all records of a scene were measured, given up for their seconds, or are of methods that are missing."""
+    known = methods(chart.hologram)
+    there = {
+        (r["scene"], r["method"], r["effort"], r["frames"])
+        for r in part["records"]
+        if not measure.is_fault(r) or known[r["method"]].missing()
+    }
+    due = {
+        (t.scene, t.method, *record)
+        for t in chart.tasks(chart.scenes, chart.methods)
+        if archive.part_of(t.scene) == name
+        for record in t.records
+    }
+    return due <= there
+
+
+def _published_close_ups(figures, names):
+    """Names of close-ups in docs of scenes that were measured before."""
+    files = [f"chart-closeups-{scene}.jpg" for scene in _scenes(figures)]
+    return [name for name in files if name not in names and (IMAGES / name).exists()]
 
 
 def _shown(records, known):
@@ -291,9 +327,13 @@ def _page(
     size = f"{chart.hologram.width} x {chart.hologram.height}"
     text = [INTRODUCTION.format(short=measure.SHORT)]
     text.append(
-        f"`{made.command}` on {made.machine}, {made.date}, commit {made.commit}; {size}, 8 µm, 640, 516.5 and "
-        f"455.4 nm, 1 to 6 mm from the SLM; references of {chart.spp} paths a pixel and wavelength.\n"
+        f"Holograms of {size}, 8 µm, 640, 516.5 and 455.4 nm, 1 to 6 mm from the SLM; references of {chart.spp} paths "
+        "a pixel and wavelength.\n"
     )
+    text += [*_made_table(made), ""]
+    lacking = [scene for scene in chart.scenes if scene not in made]
+    if lacking and made:
+        text.append(f"Not measured of this code: {', '.join(lacking)}.\n")
     if not records and not failed:
         text.append("Nothing has been measured yet: `make chart` writes the tables and pictures here.\n")
         return "\n".join(text)
@@ -388,6 +428,17 @@ def _page(
             + [["", "", "", "", _cell(fault)] for fault in faults],
         )
     return "\n".join(text) + "\n"
+
+
+def _made_table(made):
+    """Where and when each scene was measured: scenes of one run share a row."""
+    runs = {}
+    for scene, run_of in made.items():
+        key = tuple(run_of[name] for name in ("machine", "date", "commit"))
+        runs.setdefault(key, []).append(scene)
+    return _rows(
+        ["measured on", "date", "commit", "scenes"], [[*key, ", ".join(names)] for key, names in runs.items()]
+    )
 
 
 def _one_frame_table(shown):

@@ -12,7 +12,7 @@ from pathlib import Path
 from holopath_addon import engine
 
 from ..parts import Incomplete, sentence_of
-from . import measure, report
+from . import archive, measure, report
 from .methods import ENCODED, OTHERS, SHOWN, M, methods
 from .scenes import SCENES, TRIANGLES
 
@@ -121,6 +121,19 @@ class Chart:
             records += [(effort, frames) for frames in sorted(several)]
         return records
 
+    def tasks(self, scenes, names):
+        """Every `measure.Task` of scenes and methods: each scene's reference before its methods."""
+        known, tasks = methods(self.hologram), []
+        for scene in scenes:
+            tasks.append(self.task(scene, "reference", []))
+            tasks += [self.task(scene, name, self.records(scene, known[name])) for name in names]
+        for triangles in self.triangles:
+            for name in TIMED:
+                if name in names:
+                    record = (self.usual(known[name]), M)
+                    tasks.append(self.task(f"hills {triangles}", name, [record]))
+        return tasks
+
     def task(self, scene, method, records):
         """The `measure.Task` of a scene and the name of a method."""
         hologram = self.hologram.to_dict()
@@ -187,8 +200,12 @@ def run(*arguments):
     """
     options = parser().parse_args(arguments)
     short = options.names[:1] == ["quick"]
-    chart, scenes = (quick if short else full)(options.pixels), options.names[short:]
-    if scenes:
+    if short and options.docs:
+        raise engine.InvalidInput("The quick chart is not published: leave out --docs, or quick.")
+    chart = (quick if short else full)(options.pixels)
+    parts = options.names[short:] or (*chart.scenes, archive.TRIANGLES)
+    scenes = [name for name in parts if name != archive.TRIANGLES]
+    if len(scenes) == len(parts):
         chart = replace(chart, triangles=())  # only what is named
     if options.out:
         chart = replace(chart, folder=Path(options.out).absolute())
@@ -199,7 +216,7 @@ def run(*arguments):
         _check(name, methods(chart.hologram), "method")
     if options.since:
         report.earlier(options.since)  # it is told before hours of work that there is none
-    records, seconds = measured(chart, scenes or chart.scenes, names, options.anew)
+    records, seconds = measured(chart, scenes, names, options.anew)
     command = " ".join(("python -m benchmarks chart", *arguments))
     made = report.Made.now(command, seconds, measure.ROOT)
     tables, faults = report.write(chart, records, made, options.docs, options.since)
@@ -212,12 +229,19 @@ def parser():
     """Of the command's arguments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks chart", description=__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="[quick] SCENE", help=f"of {', '.join(SCENES)}; default: all"
+        "names",
+        nargs="*",
+        metavar="[quick] SCENE",
+        help=f"of {', '.join(SCENES)}, {archive.TRIANGLES}; default: all",
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
     parser.add_argument("--pixels", type=int, default=256, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
-    parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")
+    parser.add_argument(
+        "--docs",
+        action="store_true",
+        help="publish scenes that are whole in docs/chart, and write docs/chart.md of all that are there",
+    )
     parser.add_argument(
         "--since", metavar="FILE", help="an earlier page or chart.json: list what is lower now than there"
     )
@@ -244,7 +268,7 @@ def measured(chart, scenes, names, anew=False, tell=None):
     """
     tell = tell or (lambda line: print(line, file=sys.stderr, flush=True))
     start, known = time.perf_counter(), methods(chart.hologram)
-    tasks = tasks_of(chart, scenes, names)
+    tasks = chart.tasks(scenes, names)
     if anew:
         for task in tasks:
             for record in task.records:
@@ -275,19 +299,6 @@ def measured(chart, scenes, names, anew=False, tell=None):
             gap = {"scene": task.scene, "method": task.method, "effort": effort, "frames": frames}
             records.append(measure.kept(task, effort, frames) or gap | {"failed": why})
     return records, time.perf_counter() - start
-
-
-def tasks_of(chart, scenes, names):
-    """Every `measure.Task` of a chart, of these scenes and methods: each scene's reference before its methods."""
-    known, tasks = methods(chart.hologram), []
-    for scene in scenes:
-        tasks.append(chart.task(scene, "reference", []))
-        tasks += [chart.task(scene, name, chart.records(scene, known[name])) for name in names]
-    for triangles in chart.triangles:
-        for name in TIMED:
-            if name in names:
-                tasks.append(chart.task(f"hills {triangles}", name, [(chart.usual(known[name]), M)]))
-    return tasks
 
 
 def _do(task, apart):

@@ -1,1 +1,1 @@
-"""HoloPath in Blender: what is registered, the settings of a scene, the render engine, the viewport, demo scenes."""
+"""HoloPath in Blender: registration, settings of scenes, render engine, viewport and demo scenes."""

@@ -1,4 +1,4 @@
-"""Demonstration scenes, built by code: something to look at, and to focus on, at every depth."""
+"""Demo scenes, built by code: objects to focus on at several depths."""
 
 import math
 from typing import Any
@@ -8,20 +8,19 @@ import numpy as np
 from ..engine import InvalidInput
 
 DEMOS = {
-    "planes": "two textured, shining planes at 0.5 m and 2 m",
+    "planes": "two textured, luminous planes at 0.5 m and 2 m",
     "suzanne": "Suzanne at 0.5 m, objects at 1 m and a textured wall at 4 m, lamp-lit",
-    "box": "a closed colour box lit by one lamp, mostly by light from its walls",
+    "box": "a closed, colored box with one lamp, lit mostly by light from its walls",
 }
 
 FIELD_OF_VIEW = math.radians(38)
 
-
-# Where things stand, metres from the camera.
+# Distances of objects from the camera, meters.
 FOCUS = {"planes": (0.5, 2.0), "suzanne": (0.5, 1.0, 4.0), "box": (0.7, 1.35, 1.8)}
 
 
 def build(name):
-    """Replace the contents of the current Blender file by a demo scene.
+    """Replace the contents of the current Blender file with a demo scene.
 
     Parameters
     ----------
@@ -41,7 +40,7 @@ def build(name):
 
 
 def add(name):
-    """Add a demo scene to the current Blender file, whose own scenes and data stay as they are.
+    """Add a demo scene to the current Blender file, and keep its scenes and data.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ def add(name):
     Returns
     -------
     bpy.types.Scene
-        It is not yet the one that any window shows.
+        The new scene, which no window shows yet.
 
     Raises
     ------
@@ -72,7 +71,7 @@ def _check(name):
 
 
 def _fill(scene, name):
-    """Build a demo in an empty scene; everything is made without operators, so what is selected does not matter."""
+    """Build a demo in an empty scene, without operators, so that the selection does not matter."""
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
     scene.render.resolution_x = scene.render.resolution_y = 512
     scene.view_settings.view_transform = "Standard"
@@ -81,22 +80,22 @@ def _fill(scene, name):
     scene.view_layers[0].update()
 
 
-# -- the scenes. The camera is at the origin, looks along +y, z is up; lengths in metres.
+# -- scenes. The camera is at the origin and looks along +y; z is up. Lengths are in meters.
 
 
 def _planes(scene):
-    """The near plane hides the left part of the far one."""
+    """Build two planes, of which the near one hides the left part of the far one."""
     _world(scene, (0.0, 0.0, 0.0))
-    near = _shining("near", _star_chart(1024, 32, (0.02, 0.02, 0.05), (1.0, 0.75, 0.25)))
-    far = _shining("far", _checker_chart(1024, 32, (0.05, 0.15, 0.6), (0.7, 0.9, 1.0)))
+    near = _emissive("near", _star_chart(1024, 32, (0.02, 0.02, 0.05), (1.0, 0.75, 0.25)))
+    far = _emissive("far", _checker_chart(1024, 32, (0.05, 0.15, 0.6), (0.7, 0.9, 1.0)))
     _upright(scene, "Near plane", near, (-0.075, 0.5, 0.0), 0.15, 0.24)
     _upright(scene, "Far plane", far, (0.0, 2.0, 0.0), 1.6, 1.6)
 
 
 def _suzanne(scene):
     _world(scene, (0.10, 0.13, 0.18))
-    _lamp(scene, "Key lamp", 30.0, (-0.9, -0.2, 1.3), (0.05, 0.9, -0.1), 0.4, (1.0, 0.93, 0.82))
-    _lamp(scene, "Wall lamp", 90.0, (1.6, 2.2, 2.2), (0.0, 4.0, 0.4), 0.6, (0.85, 0.92, 1.0))
+    _light(scene, "Key lamp", 30.0, (-0.9, -0.2, 1.3), (0.05, 0.9, -0.1), 0.4, (1.0, 0.93, 0.82))
+    _light(scene, "Wall lamp", 90.0, (1.6, 2.2, 2.2), (0.0, 4.0, 0.4), 0.6, (0.85, 0.92, 1.0))
 
     floor = -0.22
     tiles = _surface("floor", _checker_chart(2048, 64, (0.10, 0.07, 0.05), (0.75, 0.66, 0.52)), 0.7)
@@ -117,7 +116,7 @@ def _suzanne(scene):
 
 
 def _box(scene):
-    """A room around the camera, 0.9 m wide; its lamp faces the ceiling, so that most light is indirect."""
+    """Build a room around the camera, 0.9 m wide. Its lamp faces the ceiling, so that most light is indirect."""
     _world(scene, (0.0, 0.0, 0.0))
     half, back, front = 0.45, -0.3, 1.8
     depth, middle = front - back, (front + back) / 2
@@ -133,7 +132,7 @@ def _box(scene):
     for name, material, x in (("Left", red, -half), ("Right", green, half)):
         side = _upright(scene, name, material, (x, middle, 0), depth, 2 * half)
         side.rotation_euler = (math.pi / 2, 0, math.pi / 2)
-    _lamp(scene, "Lamp", 12.0, (0, 1.0, 0.15), (0, 1.0, 1.0), 0.25, (1, 0.95, 0.85))
+    _light(scene, "Lamp", 12.0, (0, 1.0, 0.15), (0, 1.0, 1.0), 0.25, (1, 0.95, 0.85))
     chart = _surface("chart", _star_chart(512, 16, (0.05, 0.05, 0.08), (0.9, 0.85, 0.3)))
     blue = _surface("blue", _stripes(512, 16, (0.05, 0.12, 0.7), white), 0.5)
     for name, material, x, y, top, turn in (
@@ -166,19 +165,19 @@ def _suzanne_on_pedestal(scene, floor):
     pedestal.location = (-0.045, 0.5, -0.082 - 0.15)
 
 
-# -- things
+# -- objects
 
 
-def _upright(scene, name, material, centre, width, height):
-    """A rectangle that faces the camera (-y)."""
-    return _rectangle(scene, name, material, centre, width, height, (math.pi / 2, 0, 0))
+def _upright(scene, name, material, center, width, height):
+    """Add a rectangle that faces the camera (-y)."""
+    return _rectangle(scene, name, material, center, width, height, (math.pi / 2, 0, 0))
 
 
-def _level(scene, name, material, centre, width, length):
-    return _rectangle(scene, name, material, centre, width, length, (0, 0, 0))
+def _level(scene, name, material, center, width, length):
+    return _rectangle(scene, name, material, center, width, length, (0, 0, 0))
 
 
-def _rectangle(scene, name, material, centre, width, height, rotation):
+def _rectangle(scene, name, material, center, width, height, rotation):
     import bpy
 
     x, y = width / 2, height / 2
@@ -188,12 +187,12 @@ def _rectangle(scene, name, material, centre, width, height, rotation):
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv.astype(np.float32).ravel())
     mesh.materials.append(material)
     rectangle = _link(scene, bpy.data.objects.new(name, mesh))
-    rectangle.location, rectangle.rotation_euler = centre, rotation
+    rectangle.location, rectangle.rotation_euler = center, rotation
     return rectangle
 
 
-def _sphere(scene, name, material, centre, radius):
-    """A ball. Blender's own has its vertices in another order each time: light baked on it were never found again."""
+def _sphere(scene, name, material, center, radius):
+    """Add a ball. Blender's own orders its vertices differently each time, so that baked light would not be reused."""
     import bpy
 
     around, rings = 96, 48
@@ -225,22 +224,22 @@ def _sphere(scene, name, material, centre, radius):
     mesh.shade_smooth()
     mesh.materials.append(material)
     ball = _link(scene, bpy.data.objects.new(name, mesh))
-    ball.location, ball.rotation_euler = centre, (0.5, 0.4, 0)
+    ball.location, ball.rotation_euler = center, (0.5, 0.4, 0)
     return ball
 
 
-def _cube(scene, name, material, centre, size, turn):
+def _cube(scene, name, material, center, size, turn):
     import bmesh
 
     cube = _primitive(scene, name, material, bmesh.ops.create_cube, size=size)
-    cube.location, cube.rotation_euler = centre, (0, 0, turn)
+    cube.location, cube.rotation_euler = center, (0, 0, turn)
     faces = np.tile(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32), (6, 1))
     cube.data.uv_layers.active.uv.foreach_set("vector", faces.ravel())
     return cube
 
 
 def _primitive(scene, name, material, make, **form):
-    """An object of one of Blender's own shapes: `make` is the operation of bmesh, `form` its arguments."""
+    """Add one of Blender's own shapes: `make` is the operation of bmesh, `form` its arguments."""
     import bmesh
     import bpy
 
@@ -255,7 +254,7 @@ def _primitive(scene, name, material, make, **form):
 
 
 def _ring(scene, name, material):
-    """A torus about its z axis; `around` goes with the long way, `across` with the short one."""
+    """Add a torus about its z axis, with `around` vertices the long way and `across` the short way."""
     import bpy
 
     long, short, around, across = 0.1, 0.032, 96, 32
@@ -271,7 +270,7 @@ def _ring(scene, name, material):
         [[i % around * across + j % across for i, j in face] for face in faces],
     )
     uv = 0.5 + np.array(faces).reshape(-1, 2) / (around, across)
-    uv -= uv.reshape(-1, 4, 2).min(1).repeat(4, axis=0).astype(int)  # each face as a whole into the picture
+    uv -= uv.reshape(-1, 4, 2).min(1).repeat(4, axis=0).astype(int)  # each face lies whole in the image
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv.astype(np.float32).ravel())
     mesh.shade_smooth()
     mesh.materials.append(material)
@@ -303,29 +302,29 @@ def _camera(scene):
     scene.camera = camera
 
 
-def _lamp(scene, name, power, location, target, size, colour):
-    """A square area lamp at `location` that faces `target`."""
+def _light(scene, name, power, location, target, size, color):
+    """Add a square area light at `location` that faces `target`."""
     import bpy
     from mathutils import Vector
 
     data: Any = bpy.data.lights.new(name, "AREA")  # an AreaLight
-    data.energy, data.size, data.color = power, size, colour
-    lamp = _link(scene, bpy.data.objects.new(name, data))
-    lamp.location = location
+    data.energy, data.size, data.color = power, size, color
+    light = _link(scene, bpy.data.objects.new(name, data))
+    light.location = location
     direction = Vector(target) - Vector(location)
-    lamp.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
+    light.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
 
 
-def _world(scene, colour):
+def _world(scene, color):
     import bpy
 
     from ..export.shading.node_graph import tree_of
 
     world = bpy.data.worlds.new("World")
     scene.world = world
-    world.color = colour
+    world.color = color
     background = next(node for node in tree_of(world).nodes if node.bl_idname == "ShaderNodeBackground")
-    background.inputs["Color"].default_value = (*colour, 1.0)
+    background.inputs["Color"].default_value = (*color, 1.0)
 
 
 def _link(scene, obj):
@@ -334,7 +333,7 @@ def _link(scene, obj):
 
 
 def _clear():
-    """Empty the file: its objects and what only they used, and every other scene."""
+    """Empty the file: remove its objects, their data, and every other scene."""
     import bpy
 
     kept = bpy.context.scene
@@ -355,7 +354,7 @@ def _clear():
 # -- materials
 
 
-def _shining(name, pixels):
+def _emissive(name, pixels):
     material, tree, output, texture = _textured(name, pixels)
     shader = tree.nodes.new("ShaderNodeEmission")
     tree.links.new(texture.outputs["Color"], shader.inputs["Color"])
@@ -364,7 +363,7 @@ def _shining(name, pixels):
 
 
 def _surface(name, pixels, roughness=None):
-    """Principled of this roughness, or plainly diffuse."""
+    """Principled material of a roughness; None: plain diffuse."""
     material, tree, output, texture = _textured(name, pixels)
     if roughness is None:
         shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
@@ -377,7 +376,7 @@ def _surface(name, pixels, roughness=None):
 
 
 def _textured(name, pixels):
-    """A material with an image of linear colours [y, x, 3], top row first, packed into the file."""
+    """Material with an image of linear colors, shape (y, x, 3), row 0 at the top, packed into the file."""
     import bpy
 
     from ..export.shading.node_graph import tree_of
@@ -403,12 +402,12 @@ def _textured(name, pixels):
     return material, tree, output, texture
 
 
-# -- patterns: linear colours [y, x, 3], top row first
+# -- patterns: linear colors, shape (y, x, 3), row 0 at the top
 
 
 def _grid(size):
-    centres = (np.arange(size) + 0.5) / size
-    return np.meshgrid(centres, centres)
+    centers = (np.arange(size) + 0.5) / size
+    return np.meshgrid(centers, centers)
 
 
 def _blend(mask, first, second):
@@ -417,7 +416,7 @@ def _blend(mask, first, second):
 
 
 def _tint(pixels, x, y):
-    """A slow change of colour, so that no two places look alike."""
+    """Vary the color slowly, so that no two places look alike."""
     waves = [
         0.5 + 0.5 * np.cos(2 * math.pi * (x * a + y * b + c))
         for a, b, c in ((1, 0.3, 0), (0.4, 1, 0.4), (0.7, -1, 0.7))
@@ -426,7 +425,7 @@ def _tint(pixels, x, y):
 
 
 def _checker_chart(size, tiles, first, second):
-    """Checker tiles; every fourth row of tiles is cut into finer ones."""
+    """Checker tiles, of which every fourth row has smaller ones."""
     x, y = _grid(size)
     fine = (np.floor(y * tiles) % 4 == 1).astype(int) + 1
     mask = (np.floor(x * tiles * fine) + np.floor(y * tiles * fine)) % 2
@@ -453,19 +452,19 @@ def _star_chart(size, tiles, first, second):
 
 
 def _harlequin(size, tiles):
-    """Diamonds in four strong colours with dark seams."""
+    """Diamonds in four saturated colors with dark seams."""
     x, y = _grid(size)
     u, v = (x + y) * tiles, (x - y) * tiles
-    colours = np.array(
+    colors = np.array(
         [(0.9, 0.12, 0.05), (0.95, 0.75, 0.08), (0.05, 0.35, 0.85), (0.85, 0.85, 0.8)], np.float32
     )
-    pixels = colours[(np.floor(u) + 2 * np.floor(v)).astype(int) % 4]
+    pixels = colors[(np.floor(u) + 2 * np.floor(v)).astype(int) % 4]
     seam = np.minimum(np.abs(u - np.round(u)), np.abs(v - np.round(v))) < 0.07
     return _blend(seam, (0, 0, 0), (1, 1, 1)) * 0.02 + pixels * ~seam[..., None]
 
 
 def _wall_chart(size):
-    """Bricks of changing colour, with a row of stars at eye level."""
+    """Bricks of varying color, with a row of Siemens stars at eye level."""
     x, y = _grid(size)
     rows, columns = 40, 20
     row = np.floor(y * rows)
@@ -478,13 +477,13 @@ def _wall_chart(size):
     )
     pixels = tone[((row * 7 + column * 3 + (row * column) % 5).astype(int)) % 4]
     pixels = np.where(joint[..., None], np.array((0.82, 0.8, 0.75), np.float32), pixels)
-    for centre_x, centre_y, radius, dark, light in (
+    for center_x, center_y, radius, dark, light in (
         (0.5, 0.445, 0.075, (0.02, 0.05, 0.2), (0.9, 0.95, 1.0)),
         (0.28, 0.37, 0.06, (0.01, 0.12, 0.08), (1.0, 0.95, 0.3)),
         (0.72, 0.37, 0.06, (0.2, 0.02, 0.15), (0.7, 1.0, 0.8)),
     ):
-        distance = np.hypot(x - centre_x, y - centre_y)
-        angle = np.arctan2(y - centre_y, x - centre_x)
+        distance = np.hypot(x - center_x, y - center_y)
+        angle = np.arctan2(y - center_y, x - center_x)
         star = _blend(np.floor(angle / (2 * math.pi) * 32 + 100) % 2, dark, light)
         pixels = np.where((distance < radius)[..., None], star, pixels)
     return pixels

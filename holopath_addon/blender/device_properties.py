@@ -1,4 +1,4 @@
-"""Settings of the device that shows holograms, and what they mean to `slm`."""
+"""Settings of the device that shows holograms, and their conversion to objects of `slm`."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ from ..engine.settings import Choice
 from ..slm.drivers.controller import BAUD, MIN_BAUD
 from ..slm.drivers.slmsuite_device import DEVICES, options_of
 
-# A .blend holds the numbers.
+# Menu items: identifier, label, help, and the number that a .blend holds.
 _DRIVERS = [
     ("display", "Monitor", "Full screen on a monitor that is an SLM", 0),
     ("serial", "Serial Port", "A controller that takes frames over a serial line", 1),
@@ -18,52 +18,54 @@ _DRIVERS = [
     ("files", "Files", "Pictures in a folder, for a device's own program", 3),
     ("virtual", "Virtual Bench", "A simulated SLM with its optics and a camera", 4),
 ]
-_MODELS = {"holoeye": "HOLOEYE", "ti-plm": "TI PLM"}  # names that are not their words with capitals
+_MODELS = {"holoeye": "HOLOEYE", "ti-plm": "TI PLM"}  # labels that are not names in title case
 _ORDERS = [(order, order, f"{order[0]}, then {order[1]}, then {order[2]}", n) for n, order in enumerate(
     ("RGB", "GRB", "BRG", "RBG", "GBR", "BGR"))]  # fmt: skip
 
-
-# what was last looked for, a line each: ``monitors`` and ``ports``
-found = {}
-
-
-def _found(kind):
-    return lambda props, context, text: [name for name in found.get(kind, ()) if text.lower() in name.lower()]
+# Results of *Find Devices*, a line per device: ``monitors`` and ``ports``.
+found_devices = {}
 
 
-# The packing that a text names, and its number in a .blend.
+def _suggest(kind):
+    """Search function of a property: found devices of a kind that contain the typed text."""
+    return lambda props, context, text: [
+        name for name in found_devices.get(kind, ()) if text.lower() in name.lower()
+    ]
+
+
+# Menu item of the packing that a text describes.
 BIT_LAYOUT = (
     "layout",
     "Bits of Channels",
-    "Levels of any number of bits in those bits of red, green and blue that are named",
+    "Levels of any number of bits in chosen bits of red, green and blue",
     7,
 )
 
 
 def menu(chosen: Mapping[str, Choice]) -> list[tuple]:
-    """A menu's items; files hold their numbers."""
+    """Menu items of an `EnumProperty`, whose numbers a .blend holds, from choices by name."""
     return [(each.name, each.label, each.help, each.number) for each in chosen.values()]
 
 
 class HoloPathDevice(bpy.types.PropertyGroup):
-    """What `Scene.holopath.device` holds."""
+    """Settings of the device, `Scene.holopath.device`."""
 
-    driver: EnumProperty(name="Device", description="What shows the hologram", items=_DRIVERS)
+    driver: EnumProperty(name="Device", description="Device that shows the hologram", items=_DRIVERS)
     monitor: StringProperty(
         name="Monitor",
-        description="The SLM's monitor: its name or geometry. Empty: the only one besides the primary",
-        search=_found("monitors"),
+        description="Name or geometry of the SLM's monitor. Empty: the only one besides the primary",
+        search=_suggest("monitors"),
         search_options={"SUGGESTION"},
     )
     primary: BoolProperty(
         name="Primary Monitor",
-        description="Allow the monitor that you work at to show the hologram; Esc there closes it",
+        description="Allow the hologram on the primary monitor; Esc there closes it",
         default=False,
     )
     port: StringProperty(
         name="Port",
-        description="Serial port of the controller. Empty: the only one there is",
-        search=_found("ports"),
+        description="Serial port of the controller. Empty: the only one",
+        search=_suggest("ports"),
         search_options={"SUGGESTION"},
     )
     baud: IntProperty(
@@ -75,7 +77,7 @@ class HoloPathDevice(bpy.types.PropertyGroup):
     )
     model: EnumProperty(
         name="Model",
-        description="Which of slmsuite's devices",
+        description="Device of the library slmsuite",
         items=[
             (name, _MODELS.get(name, name.title()), path, n) for n, (name, path) in enumerate(DEVICES.items())
         ],
@@ -85,24 +87,24 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         name="Options",
         description='Arguments of slmsuite\'s class as JSON, for example {"slm_number": 1}',
     )
-    folder: StringProperty(name="Folder", description="Where the pictures are written", subtype="DIR_PATH")
+    folder: StringProperty(name="Folder", description="Folder to write the pictures into", subtype="DIR_PATH")
     calibration: StringProperty(
         name="Calibration",
-        description="JSON file of the device: phase of its levels, correction, flips and shift. Empty: 8 bits, even",
+        description="JSON file of the device: phase of its levels, correction, flips and shift. Empty: 8 bits, linear",
         subtype="FILE_PATH",
     )
     falling: BoolProperty(
         name="Phase Falls",
-        description="The phase of the light falls as the level rises, as on some SLMs. A calibration says it itself",
+        description="The phase of the light falls as the level rises, as on some SLMs. A calibration contains this",
     )
     packing: EnumProperty(
         name="Packing",
-        description="Holograms that one picture holds, and how",
+        description="Arrangement of holograms in a picture",
         items=[*menu(slm.PACKINGS), BIT_LAYOUT],
     )
     bit_layout: StringProperty(
         name="Bits",
-        description="Bits of the channels that a level is on this panel, from its highest on. R7-5,G7-5,B7-4: the "
+        description="Bits of the channels that make a level on this panel, highest first. In R7-5,G7-5,B7-4 the "
         "highest three bits are bits 7 to 5 of red",
     )
     order: EnumProperty(
@@ -112,7 +114,7 @@ class HoloPathDevice(bpy.types.PropertyGroup):
     )
     rate: FloatProperty(
         name="Rate",
-        description="Pictures per second, in hertz; 0: as the device does best",
+        description="Pictures per second, in hertz; 0: the device's own rate",
         default=0.0,
         min=0.0,
         max=1e4,
@@ -120,7 +122,12 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         precision=1,
         unit="NONE",
     )
-    loops: IntProperty(name="Loops", description="Rounds; 0: until it is stopped", default=0, min=0)
+    loops: IntProperty(
+        name="Loops",
+        description="Number of times to show the sequence; 0: until it is stopped",
+        default=0,
+        min=0,
+    )
     trigger: BoolProperty(
         name="Trigger", description="Have the controller give a pulse for each picture", default=False
     )
@@ -133,12 +140,12 @@ class HoloPathDevice(bpy.types.PropertyGroup):
     )
     planes: StringProperty(
         name="Focus Planes",
-        description="JSON file of the planes at which the camera can look, each with the motor's position",
+        description="JSON file of the planes at which the camera can focus, each with the motor's position",
         subtype="FILE_PATH",
     )
     plane: IntProperty(
         name="Plane",
-        description="Focus plane at which the camera looks, counted from 0",
+        description="Focus plane of the camera, counted from 0",
         default=0,
         min=0,
         max=99,
@@ -151,22 +158,23 @@ class HoloPathDevice(bpy.types.PropertyGroup):
 
 
 def calibration_of(device):
-    """The device's `slm.Calibration`; None where none is chosen.
+    """The `slm.Calibration` of `HoloPathDevice` settings; None without a file.
 
     Raises
     ------
     engine.InvalidInput
+        If the file cannot be read.
     """
     return slm.Calibration.load(bpy.path.abspath(device.calibration)) if device.calibration else None
 
 
 def packing_of(device):
-    """Name of the device's packing, or the bits of channels that it takes.
+    """Packing of `HoloPathDevice` settings, for `slm.Sequence`: its name, or the bits of channels.
 
     Raises
     ------
     engine.InvalidInput
-        If none are named.
+        If no bits are named.
     """
     if device.packing != BIT_LAYOUT[0]:
         return device.packing
@@ -176,12 +184,27 @@ def packing_of(device):
 
 
 def has_order(device):
-    """Whether the order of channels counts for the device's packing."""
+    """Whether the channel order matters for the packing of `HoloPathDevice` settings."""
     return device.packing not in ("time", BIT_LAYOUT[0]) and slm.PACKINGS[device.packing].layout is None
 
 
 def sequence_of(device, phase):
-    """`slm.Sequence` of a hologram for the device."""
+    """Sequence of a hologram for a device.
+
+    Parameters
+    ----------
+    device : HoloPathDevice
+    phase : engine.PhaseHologram
+
+    Returns
+    -------
+    slm.Sequence
+
+    Raises
+    ------
+    engine.InvalidInput
+        If calibration or packing do not fit the hologram.
+    """
     calibration = calibration_of(device)
     falling = calibration is None and device.falling
     order = device.order if has_order(device) else "RGB"
@@ -189,11 +212,22 @@ def sequence_of(device, phase):
 
 
 def driver_of(device, sequence):
-    """The `slm.Driver` that is chosen.
+    """Driver of a device.
+
+    Parameters
+    ----------
+    device : HoloPathDevice
+    sequence : slm.Sequence
+        Sequence to show.
+
+    Returns
+    -------
+    slm.Driver
 
     Raises
     ------
     engine.InvalidInput
+        If an option is missing or invalid.
     """
     if device.driver == "display":
         return slm.DisplayDriver(device.monitor or None, device.primary, sequence.size)
@@ -211,11 +245,21 @@ def driver_of(device, sequence):
 
 
 def planes_of(device, phase):
-    """The device's `slm.FocusPlanes`; of the virtual bench five over the hologram's volume, where no file is given.
+    """Focus planes of a device; for the virtual bench without a file five over the hologram's volume.
+
+    Parameters
+    ----------
+    device : HoloPathDevice
+    phase : engine.PhaseHologram or None
+
+    Returns
+    -------
+    slm.FocusPlanes
 
     Raises
     ------
     engine.InvalidInput
+        If there are no planes, or their file cannot be read.
     """
     if device.planes:
         return slm.FocusPlanes.load(bpy.path.abspath(device.planes))

@@ -1,4 +1,4 @@
-"""Add-on preferences: what computes, and where baked light is kept."""
+"""Add-on preferences: processor, folder of baked light, and cluster."""
 
 import os
 import textwrap
@@ -10,29 +10,33 @@ from ..engine import BakeStore, InvalidInput
 from ..engine.scene import variants
 from ..engine.waves import libraries
 
-# In an extension the add-on is the package above that holds the manifest.
+# Package with the manifest: of an extension the third level, bl_ext.REPOSITORY.NAME.
 _PACKAGE = __name__.rpartition(".")[0]
 ADDON = ".".join(_PACKAGE.split(".")[: 3 if _PACKAGE.startswith("bl_ext.") else 1])
-PROGRAMS = "DRJIT_CACHE_DIR"
-LINE = 80  # characters of a line that fits into the preferences
-# By docs/measurements.md, On a graphics card; the size is that of the zip, of all platforms and Pythons at most.
+PROGRAM_CACHE_VARIABLE = "DRJIT_CACHE_DIR"
+LINE_LENGTH = 80  # characters of a line that fits into the preferences
+# Figures of docs/measurements.md, On a graphics card. The size is that of the largest zip.
 GAIN = (
     f"{libraries.EXTENSION} is an extension of 470 MB, which takes 0.9 GB on disk. With it a Full HD hologram is "
     "expected in a third of the time, and its phases in a tenth. Get it from HoloPath's repository, or from disk."
 )
-WAVES = {"lacking": "INFO", "failing": "ERROR", "computing": "CHECKMARK"}  # by a card, and their icons
-_found: dict = {}
+WAVE_ICONS = {
+    "lacking": "INFO",
+    "failing": "ERROR",
+    "computing": "CHECKMARK",
+}  # by the state of waves on a card
+_found: dict = {}  # backends, the chosen one, the card's problem, and variables that were set
 
 
 def _chosen():
-    """The preferences; None where HoloPath is no add-on of this Blender."""
+    """The preferences; None if HoloPath is not an add-on of this Blender."""
     preferences = bpy.context.preferences
     addon = preferences.addons.get(ADDON) if preferences else None
     return addon.preferences if addon else None
 
 
 def store():
-    """Where this Blender keeps baked light: as the preferences say, else in the extension's own folder."""
+    """The `BakeStore` of this Blender: in the folder of the preferences, else in the extension's own."""
     preferences = _chosen()
     if preferences is not None and preferences.bake_folder:
         return BakeStore(bpy.path.abspath(preferences.bake_folder))
@@ -42,19 +46,21 @@ def store():
 
 
 def attach():
-    """Have Dr.Jit keep compiled programs in the extension's own folder, which goes with it, unless told where."""
-    if ADDON.startswith("bl_ext.") and PROGRAMS not in os.environ:
-        os.environ[PROGRAMS] = _found["programs"] = bpy.utils.extension_path_user(ADDON, path="programs")
+    """Have Dr.Jit keep compiled programs in the extension's own folder, unless its variable names another."""
+    if ADDON.startswith("bl_ext.") and PROGRAM_CACHE_VARIABLE not in os.environ:
+        os.environ[PROGRAM_CACHE_VARIABLE] = _found["programs"] = bpy.utils.extension_path_user(
+            ADDON, path="programs"
+        )
 
 
 def detach():
     """Undo `attach`."""
     if _found.pop("programs", None):
-        os.environ.pop(PROGRAMS, None)
+        os.environ.pop(PROGRAM_CACHE_VARIABLE, None)
 
 
-def wanted():
-    """Backend that the preferences choose, None for the best; tells `engine.scene.variants` the LLVM that they name."""
+def chosen_backend():
+    """Backend that the preferences choose; None for the best one. Also sets the variable of the chosen LLVM library."""
     preferences = _chosen()
     if preferences is None:
         return None
@@ -66,60 +72,74 @@ def wanted():
 
 
 def cluster():
-    """What renders animations, as ``holopath render --cluster`` takes it; empty for this computer alone."""
+    """Cluster that renders animations, for ``holopath render --cluster``; empty: this computer only."""
     preferences = _chosen()
     return preferences.cluster.strip() if preferences is not None else ""
 
 
 def environment():
-    """That of a process that computes as this Blender does, which may have preferences that are not saved yet."""
-    backend = wanted()
-    kept = {"HOLOPATH_CACHE": str(store().folder)}
-    return os.environ | kept | ({"HOLOPATH_BACKEND": backend} if backend else {})
+    """Environment variables of a process that computes as this Blender does, with preferences not saved yet."""
+    backend = chosen_backend()
+    cache = {"HOLOPATH_CACHE": str(store().folder)}
+    return os.environ | cache | ({"HOLOPATH_BACKEND": backend} if backend else {})
 
 
 def backends():
-    """`variants.describe()`, asked once until `look_again`: it loads libraries."""
+    """Rows of `variants.describe()`, kept until `forget_backends`, as it loads libraries."""
     if "rows" not in _found:
-        _found["wanted"] = wanted()
+        _found["chosen"] = chosen_backend()
         _found["rows"] = variants.describe()
     return _found["rows"]
 
 
-def look_again():
-    """Forget which backends there are, and what a card lacks."""
+def forget_backends():
+    """Forget the kept backends and the card's problem."""
     _found.pop("rows", None)
     _found.pop("lacking", None)
 
 
-def on_card():
-    """Whether rays are traced on a card: there is one, and the preferences do not choose the processor."""
+def traces_on_card():
+    """Whether rays are traced on a graphics card: one is usable, and the preferences do not choose the processor."""
     usable = next(row["available"] for row in backends() if row["name"] == variants.CUDA)
-    return usable and _found["wanted"] in (None, variants.CUDA)
+    return usable and _found["chosen"] in (None, variants.CUDA)
 
 
-def try_card():
-    """Find out what keeps waves from being computed on a card, a sentence; empty where nothing does, or without one."""
-    if on_card():
+def check_card():
+    """Try to compute waves on the card.
+
+    Returns
+    -------
+    str
+        Sentence on the problem; empty without one, or without a card.
+    """
+    if traces_on_card():
         try:
             _found["lacking"] = libraries.choose()[1]
-        except InvalidInput as error:  # of the variable that names a library
+        except InvalidInput as error:  # the variable names an unknown library
             _found["lacking"] = str(error)
     return _found.get("lacking", "")
 
 
-def waves():
-    """What computes waves where there is a card, a sentence, and which of `WAVES` that is; both empty without one."""
-    if not on_card():
+def wave_status():
+    """State of the computation of waves on the card.
+
+    Returns
+    -------
+    sentence : str
+        What computes them, or the problem; empty without a card.
+    kind : str
+        Key of `WAVE_ICONS`; empty without a card.
+    """
+    if not traces_on_card():
         return "", ""
     lacking = _found.get("lacking")
     kind = "lacking" if not libraries.installed() else "failing" if lacking else "computing"
     return lacking or libraries.describe(), kind
 
 
-def missing():
-    """Why nothing can compute as the preferences wish, in a sentence; empty if it can."""
-    rows = [row for row in backends() if _found["wanted"] in (None, row["name"])]
+def backend_problem():
+    """Sentence on why no processor can compute as the preferences choose; empty if one can."""
+    rows = [row for row in backends() if _found["chosen"] in (None, row["name"])]
     if any(row["available"] for row in rows):
         return ""
     detail = rows[-1]["detail"]
@@ -129,11 +149,11 @@ def missing():
 
 
 def _changed(preferences, context):
-    look_again()
+    forget_backends()
 
 
 class HoloPathPreferences(bpy.types.AddonPreferences):
-    """Shown in Edit > Preferences > Add-ons > HoloPath."""
+    """Preferences in Edit > Preferences > Add-ons > HoloPath."""
 
     bl_idname = ADDON
 
@@ -149,21 +169,21 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
     )
     llvm_library: StringProperty(
         name="LLVM Library",
-        description="libLLVM file of this computer to use in place of HoloPath's own; takes effect after a restart",
+        description="libLLVM file to use in place of HoloPath's own; takes effect after a restart",
         subtype="FILE_PATH",
         update=_changed,
     )
     bake_folder: StringProperty(
         name="Baked Light",
-        description="Folder to keep baked light in; empty: one of HoloPath's own",
+        description="Folder for baked light; empty: HoloPath's own",
         subtype="DIR_PATH",
     )
 
     cluster: StringProperty(
         name="Cluster",
         description=(
-            "What renders animations in the background: address of a Dask scheduler such as tcp://10.0.0.5:8786, or "
-            "local:4 for so many processes of this computer; empty: this computer alone"
+            "Cluster that renders animations in the background: address of a Dask scheduler, such as "
+            "tcp://10.0.0.5:8786, or local:4 for four processes here; empty: one process on this computer"
         ),
     )
 
@@ -178,12 +198,13 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         for row in backends():
             icon = "CHECKMARK" if row["available"] else "X"
             column.label(text=f"{row['name']}: {row['detail']}", icon=icon)
-        said, kind = waves()
-        if said:
+        sentence, kind = wave_status()
+        if sentence:
             column = layout.column(align=True)
-            lines = textwrap.wrap(said, LINE) + textwrap.wrap(GAIN if kind == "lacking" else "", LINE)
+            lines = textwrap.wrap(sentence, LINE_LENGTH)
+            lines += textwrap.wrap(GAIN if kind == "lacking" else "", LINE_LENGTH)
             for number, line in enumerate(lines):
-                column.label(text=line, icon="BLANK1" if number else WAVES[kind])
+                column.label(text=line, icon="BLANK1" if number else WAVE_ICONS[kind])
         if kind == "lacking":
             layout.operator("holopath.get_card_extension")
         layout.operator("holopath.check")

@@ -1,4 +1,4 @@
-"""The one place that tells Blender about HoloPath's classes, settings, handlers and command."""
+"""Registration of HoloPath's classes, settings, handlers and command with Blender."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,7 +20,7 @@ _undo: list[Callable[[], object]] = []
 
 
 def register():
-    """Register everything; if one part fails, none stays."""
+    """Register everything; if one part fails, the others are unregistered."""
     try:
         for cls in _CLASSES:
             bpy.utils.register_class(cls)
@@ -49,7 +49,7 @@ def register():
 
 
 def unregister():
-    """Undo `register`, last first; if one part fails, the others go all the same."""
+    """Undo `register`, last part first; if one part fails, the others are still undone."""
     while _undo:
         try:
             _undo.pop()()
@@ -66,5 +66,5 @@ def _stop_listening(callbacks, handler):
 def _run_command(argv):
     from .. import cli
 
-    preferences.wanted()  # the LLVM that they name
+    preferences.chosen_backend()  # sets the variable of the chosen LLVM
     return cli.main(argv, preferences.store())

@@ -1,4 +1,4 @@
-"""The render engine HOLOPATH, a thin delegate: F12 of `operators.session`, RENDERED shading of `viewport`."""
+"""The render engine HOLOPATH: thin, F12 over `operators.session`, RENDERED shading over `viewport`."""
 
 import math
 import time
@@ -12,19 +12,18 @@ from ..engine.mapping import squared
 from ..engine.progress import Compiling
 from ..export import unit_scale
 from ..operators import background, session
-from ..operators.jobs import on_main_thread
+from ..operators.jobs import run_on_main_thread
 from ..operators.rendering import output_size
 from ..workflow import output, pipeline, stills
 from . import properties, viewport
 
-NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
+NO_SURFACE_DEPTH = 1e10  # depth without a surface, as in Cycles
 
 
 class HoloPathEngine(bpy.types.RenderEngine):
-    """Renders the hologram of a frame; the picture is its reconstruction at the focus distance.
+    """Render engine whose picture is the reconstruction of a frame's hologram at the focus distance.
 
-    Its picture has as many pixels as the render (Output properties), so that they map one to one: as many as the
-    hologram where these are square.
+    The picture has as many pixels as the Output properties say, and so has the hologram if its pixels are square.
     """
 
     bl_idname = "HOLOPATH"
@@ -33,15 +32,15 @@ class HoloPathEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
 
     def update_render_passes(self, scene, renderlayer):
-        """Called by Blender to learn which passes a view layer has, for a render and for the compositor."""
+        """Register a view layer's passes. Blender calls this for renders and for the compositor."""
         for name, channels in _passes(properties.of(scene), renderlayer):
             kind = "VALUE" if len(channels) == 1 else "COLOR"
             self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
 
     def render(self, depsgraph):
-        """Called by Blender for every view layer of a frame; in a window on a thread of its own. Raises nothing.
+        """Render a view layer of a frame. Blender calls this, in a window on a thread of its own. Raises nothing.
 
-        Blender gets a result in any case: writing a multilayer EXR without one crashes it.
+        Blender gets a result in any case: without one it crashes when it writes a multilayer EXR.
         """
         settings, layer = depsgraph.scene.render, depsgraph.view_layer_eval
         size = list(output_size(depsgraph.scene))
@@ -52,22 +51,22 @@ class HoloPathEngine(bpy.types.RenderEngine):
             start = time.perf_counter()
             props, camera = properties.of(depsgraph.scene), self.camera_override
             _check_passes(properties.hologram_of(props, size), properties.of_layer(layer))
-            task = on_main_thread(lambda: session.prepare(depsgraph, props, size, camera))
-            spent = time.perf_counter() - start
+            task = run_on_main_thread(lambda: session.prepare(depsgraph, props, size, camera))
+            export_seconds = time.perf_counter() - start
             keep = self.is_animation and props.keep_fields
-            listed = keep or properties.of_layer(layer).use_pass_focus
-            request = task.built
-            if listed:
+            uses_list = keep or properties.of_layer(layer).use_pass_focus
+            request = task.full_request
+            if uses_list:
                 request = replace(request, focus=[*request.focus, *properties.focus_list_of(props)])
             if keep:
-                result = self._kept(request, _folder(depsgraph), progress, spent)
+                result = self._render_into(request, _folder(depsgraph), progress, export_seconds)
             else:
                 result = pipeline.compute(request, progress)
             session.keep(task, result)
-            session.current.found = result.focus[0] if request.autofocus else None
+            session.current.autofocus_distance = result.focus[0] if request.autofocus else None
             pixels = _pixels(request, result, depsgraph)
         except BaseException as error:
-            failure = session.fail(error)
+            failure = session.record_error(error)
         target = self.begin_result(0, 0, *size, layer=layer.name)
         try:
             region = _region(settings, target, size)
@@ -76,31 +75,31 @@ class HoloPathEngine(bpy.types.RenderEngine):
                     # pyrefly: ignore[missing-attribute]  # in Blender's stubs an array of numbers is one
                     part.rect.foreach_set(np.ascontiguousarray(pixels[part.name][::-1][region]).ravel())
         except BaseException as error:
-            failure = session.fail(error)
+            failure = session.record_error(error)
         finally:
             self.end_result(target)
         if failure:
             self.report({"ERROR"}, failure)
 
-    def _kept(self, request, folder, progress, export_seconds):
-        """The render of a request, made and put into its folder, or taken from there."""
+    def _render_into(self, request, folder, progress, export_seconds):
+        """Render a request into its folder, or load it from there."""
 
         def say(text):
             self.report({"INFO"}, f"{folder.name}: {text}")
 
         result, _ = stills.update(folder, request, progress, export_seconds, say)
-        return result or pipeline.compute(request, progress, stills.kept(folder))
+        return result or pipeline.compute(request, progress, stills.load_field(folder))
 
     def view_update(self, context: bpy.types.Context, depsgraph):
-        """Called by Blender when its scene has changed; `viewport` listens for itself."""
+        """Do nothing. Blender calls this when its scene has changed; `viewport` has a handler for that."""
 
     def view_draw(self, context: bpy.types.Context, depsgraph):
-        """Called by Blender to redraw a 3D View that is shaded RENDERED."""
+        """Draw a 3D View that is shaded RENDERED. Blender calls this."""
         shown = viewport.of(self, context.region)
         self.update_stats("", shown.draw(context, depsgraph, self.get_preview_pixel_size(context.scene)))
 
     def _progress(self, compiles):
-        """What work calls to tell Blender how far it is, and to learn that it is to stop."""
+        """Function that reports progress to Blender, and raises `engine.Cancelled` if Blender stops the render."""
 
         def progress(done, message):
             if self.test_break():
@@ -112,7 +111,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
 
 
 def _region(settings, target, size):
-    """Rows, bottom first, and columns of the picture that Blender takes: all, or its Render Region."""
+    """Slices of rows, bottom first, and columns of the picture that Blender takes: all, or its Render Region."""
     if not settings.use_border:
         return slice(None), slice(None)
     left, bottom = int(settings.border_min_x * size[0]), int(settings.border_min_y * size[1])
@@ -120,7 +119,7 @@ def _region(settings, target, size):
 
 
 def _folder(depsgraph):
-    """Output folder of the current frame of an animation; where several view layers are rendered, of this one's."""
+    """Output folder of the current frame of an animation, and of this view layer if there are several."""
     scene, layer = depsgraph.scene, depsgraph.view_layer
     folder = background.folder_of(scene)
     if sum(each.use for each in scene.view_layers) > 1:
@@ -128,31 +127,31 @@ def _folder(depsgraph):
     return output.frame_folder(folder, scene.frame_current)
 
 
-def _focus_pass(metres):
-    """Name of the pass of a focus distance, in millimetres: in a multilayer EXR a dot would end the name."""
-    if math.isinf(metres):
+def _focus_pass(distance):
+    """Name of the pass of a focus distance, in millimeters: in a multilayer EXR a dot would end the name."""
+    if math.isinf(distance):
         return "Focus inf"
-    return f"Focus {f'{metres * 1e3:.3f}'.rstrip('0').rstrip('.').replace('.', '_')} mm"
+    return f"Focus {f'{distance * 1e3:.3f}'.rstrip('0').rstrip('.').replace('.', '_')} mm"
 
 
 def _passes(props, layer):
     """Names and channels of a view layer's passes."""
-    colours = "RGB" if props.colours == "RGB" else "X"
-    found = [("Combined", "RGBA")]
+    channels = "RGB" if props.colours == "RGB" else "X"
+    passes = [("Combined", "RGBA")]
     if properties.of_layer(layer).use_pass_focus:
         names = map(_focus_pass, properties.focus_list_of(props))
-        found += [(name, "RGB") for name in dict.fromkeys(names)]
+        passes += [(name, "RGB") for name in dict.fromkeys(names)]
     if properties.of_layer(layer).use_pass_phase:
-        found.append(("Phase", colours))
+        passes.append(("Phase", channels))
     if properties.of_layer(layer).use_pass_amplitude:
-        found.append(("Amplitude", colours))
+        passes.append(("Amplitude", channels))
     if properties.of_layer(layer).use_pass_depth:
-        found.append(("Depth", "Z"))
-    return found
+        passes.append(("Depth", "Z"))
+    return passes
 
 
 def _check_passes(hologram, layer):
-    """Refuse passes of the panel's pixels where pictures have others."""
+    """Refuse passes with the display's pixels if pictures have others."""
     size = hologram.picture.width, hologram.picture.height
     if size != (hologram.width, hologram.height) and (layer.use_pass_phase or layer.use_pass_amplitude):
         raise engine.InvalidInput(
@@ -162,29 +161,28 @@ def _check_passes(hologram, layer):
 
 
 def _pixels(request, result, depsgraph):
-    """Arrays [y, x, channel] of the passes by their names, row 0 at the top.
+    """Arrays of the passes, shape (y, x, channel), by name; row 0 is the top.
 
-    Phase and amplitude are those of the first of the frames that are shown one after the other, a channel a
-    wavelength.
+    Phase and amplitude are of the first of the hologram's frames, with a channel per wavelength.
     """
     layer = depsgraph.view_layer_eval
     wavelengths = result.field.hologram.wavelengths
     pictures = engine.to_rgb(result.images, wavelengths)
     alpha = np.ones_like(pictures[0, ..., :1])
-    found = {"Combined": np.concatenate([pictures[0], alpha], axis=-1)}
+    arrays = {"Combined": np.concatenate([pictures[0], alpha], axis=-1)}
     for depth, picture in zip(result.focus, pictures, strict=True):
-        found[_focus_pass(depth)] = picture
+        arrays[_focus_pass(depth)] = picture
     wave = np.moveaxis(result.field.data[0], 0, -1)
     if properties.of_layer(layer).use_pass_phase:
         phase = np.angle(wave) % np.float32(2 * np.pi)
-        found["Phase"] = np.where(phase < np.float32(2 * np.pi), phase, 0)
+        arrays["Phase"] = np.where(phase < np.float32(2 * np.pi), phase, 0)
     if properties.of_layer(layer).use_pass_amplitude:
-        found["Amplitude"] = np.abs(wave)
+        arrays["Amplitude"] = np.abs(wave)
     if properties.of_layer(layer).use_pass_depth or layer.use_pass_z:
         camera, picture = squared(request.camera, result.field.hologram)
         depth = engine.depth_map(request.scene, camera, picture.width, picture.height)
-        found["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NOTHING)
-    return {name: np.ascontiguousarray(array, np.float32) for name, array in found.items()}
+        arrays["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NO_SURFACE_DEPTH)
+    return {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()}
 
 
 CLASSES = (HoloPathEngine,)

@@ -1,4 +1,4 @@
-"""The command line: ``python -m holopath_addon`` and, in Blender, ``blender --command holopath``."""
+"""Command line: ``python -m holopath_addon`` and, in Blender, ``blender --command holopath``."""
 
 import argparse
 import json
@@ -25,7 +25,7 @@ from . import (
     study_command,
     template_command,
 )
-from .console import Progress, alive, close_line
+from .console import Progress, close_line, heartbeat
 from .options import add_optics, argument, numbers, on_bench
 
 
@@ -35,14 +35,14 @@ def main(argv=None, store=None):
     Parameters
     ----------
     argv : list of str, optional
-        The words. Default: those of this process, in Blender the ones after ``--``.
+        Command and options. Default: those of this process, in Blender those after ``--``.
     store : engine.BakeStore, optional
-        Where baked light is kept if the words do not say. Default: `engine.BakeStore.default`.
+        Default store of baked light. Default: `engine.BakeStore.default`.
 
     Returns
     -------
     int
-        0 done, 1 the work failed, 2 bad input.
+        Exit status: 0 done, 1 the work failed, 2 bad input.
     """
     if argv is None:
         argv = sys.argv[1:]
@@ -51,7 +51,7 @@ def main(argv=None, store=None):
     args = None
     try:
         args = parse(argv, store)
-        with _interruptible(), alive():
+        with _interruptible(), heartbeat():
             args.run(args)
         return failures.DONE
     except SystemExit as stop:
@@ -65,7 +65,7 @@ def main(argv=None, store=None):
 
 
 def parse(words, store=None):
-    """What words mean.
+    """Parse a command and its options.
 
     Parameters
     ----------
@@ -76,12 +76,12 @@ def parse(words, store=None):
     Returns
     -------
     argparse.Namespace
-        Its `run` is the command's function; `words` are these.
+        Its `run` is the command's function, its `words` those given.
 
     Raises
     ------
     SystemExit
-        When all is said: for words that are wrong, and for ``--help``.
+        For wrong words, after a message, and for ``--help``.
     """
     args = _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(words))
     args.words = list(words)
@@ -90,9 +90,9 @@ def parse(words, store=None):
 
 @contextmanager
 def _interruptible():
-    """Ctrl-C raises KeyboardInterrupt, in `blender --background` too, whose own handler only sets a flag.
+    """Raise KeyboardInterrupt on Ctrl-C in the block, also in `blender --background`, whose handler only sets a flag.
 
-    So does SIGTERM, by which batch systems end a job: what was half written is cleared away.
+    SIGTERM, by which batch systems end a job, raises it, too: unfinished files are deleted.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -106,11 +106,11 @@ def _interruptible():
 
 
 def _attach_negative(argv):
-    """Join ``--pupil -1,0,2`` to ``--pupil=-1,0,2``: argparse would take the value for an option."""
+    """Join ``--pupil -1,0,2`` to ``--pupil=-1,0,2``, because argparse would parse the value as an option."""
     joined = []
     for word in argv:
-        option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
-        if option and word[:1] == "-" and word[1:2].isdigit():
+        is_option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
+        if is_option and word[:1] == "-" and word[1:2].isdigit():
             joined[-1] += "=" + word
         else:
             joined.append(word)
@@ -118,10 +118,10 @@ def _attach_negative(argv):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Parser whose errors are one line."""
 
     def error(self, message):
-        print(f"holopath: {message}; see `{self.prog} --help`.", file=sys.stderr)
+        print(f"holopath: {message}. See `{self.prog} --help`.", file=sys.stderr)
         raise SystemExit(failures.BAD_INPUT)
 
 
@@ -137,29 +137,33 @@ def _parser(store):
     def command(name, run, text):
         sub = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
         sub.set_defaults(run=run)
-        sub.add_argument("--quiet", action="store_true", help="no progress, and no lines on what is saved")
-        sub.add_argument("--debug", action="store_true", help="show a traceback where an error occurs")
+        sub.add_argument("--quiet", action="store_true", help="print neither progress nor saved files")
+        sub.add_argument("--debug", action="store_true", help="print the traceback of an error")
         return sub
 
     render_command.add(command, store)
     study_command.add(command, store)
 
-    plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
+    plan = command(
+        "plan", _plan, "Print what would be computed, why, and for how long, without computing it."
+    )
     render_command.add_scene(plan, store)
     render_command.add_encoding(plan)
-    plan.add_argument("--json", action="store_true", help="machine-readable")
+    plan.add_argument("--json", action="store_true", help="print JSON")
 
-    reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
+    reconstruct = command(
+        "reconstruct", _reconstruct, "Refocus a stored wave field, or stored phases, without rendering again."
+    )
     reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
-    render_command.add_focus(reconstruct, "the depths of the stored pictures")
+    render_command.add_focus(reconstruct, "those of the stored images")
     reconstruct.add_argument(
         "--distances",
         type=numbers(0, "a list of distances", "millimeters"),
         metavar="MM[,MM..]",
-        help="focus at distances from the SLM instead, or from the plane of the picture behind its lens; those far "
-        "beyond the depth volume are of the far field",
+        help="focus at distances from the SLM instead, or from the plane of the image behind its lens; those far "
+        "beyond the depth volume are in the far field",
     )
-    reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+    reconstruct.add_argument("--out", metavar="DIR", help="output folder (default DIR/reconstruction)")
     add_optics(reconstruct, "that of the stored field or phases")
     _add_modulator(reconstruct)
 
@@ -167,9 +171,9 @@ def _parser(store):
     exchange_command.add(command)
     report_command.add(command)
 
-    cache = command("cache", _cache, "Say how much baked light is kept, and where.")
+    cache = command("cache", _cache, "Print the size and folder of stored baked light.")
     render_command.add_cache(cache, store)
-    cache.add_argument("--clear", action="store_true", help="delete it")
+    cache.add_argument("--clear", action="store_true", help="delete the baked light")
 
     template_command.add(command)
     slm_commands.add(command)
@@ -178,40 +182,53 @@ def _parser(store):
 
 
 def _add_modulator(parser):
-    add = parser.add_argument_group("from the stored phases, as a display shows them").add_argument
+    add = parser.add_argument_group("stored phases on a display").add_argument
     add("--hologram", action="store_true", help="refocus the stored phases instead of the wave field")
     add(
         "--bits",
         type=argument(render_command.bits),
         metavar="N",
-        help="of phase that a pixel takes (default: any phase)",
+        help="bits of a pixel's phase levels (default: continuous phases)",
     )
     add(
         "--response",
         metavar="FILE",
-        help="levels as measured instead, as in `holopath encode`; with the display as it was fitted, if it was",
+        help="measured levels instead, as in `holopath encode`, with the fitted model of the display if there is one",
     )
     add(
         "--fill-factor",
         type=float,
         metavar="FRACTION",
-        help="of a pixel's area, whose shape dims steep light; 1 is a whole square pixel (default: no shape, a point)",
+        help="fraction of a pixel's area that modulates light, which dims light at large angles; 1 is the whole square "
+        "(default: a point)",
     )
-    add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
-    add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
+    add(
+        "--unmodulated",
+        type=float,
+        default=0.0,
+        metavar="FRACTION",
+        help="fraction of unmodulated light (default 0)",
+    )
+    add(
+        "--crosstalk",
+        type=float,
+        default=0.0,
+        metavar="PIXELS",
+        help="blur of the phases, pixels (default 0)",
+    )
 
 
 def _plan(args):
     seconds = render_command.encode_seconds_of(args)
-    source = sources.asked(args)
+    source = sources.open_requested(args)
     loaded, hologram, settings = render_command.load(args, source)
     render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = axis = None
     if args.encode != "none":
-        along = engine.frames_along(plan, hologram, args.encode, seconds)
+        extra_frames = engine.frames_along(plan, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
-        encoding = engine.plan_encoding(plan, args.encode, seconds, along, eyebox)
+        encoding = engine.plan_encoding(plan, args.encode, seconds, extra_frames, eyebox)
         axis = engine.axis_decision(encoding.method, args.bits, hologram)
     if args.json:
         print(
@@ -228,7 +245,7 @@ def _plan(args):
             )
         )
         return
-    size = render_command.size_from(args, source)
+    size = render_command.size_origin(args, source)
     if size is not None:
         print(f"resolution: {size[0]} (of {size[1]})")
     print(plan)
@@ -244,15 +261,17 @@ def _plan(args):
         print(f"note: {render_command.note_text(note)}")
 
 
-def _shown(args, folder):
-    """Light of the stored phases."""
+def _light_of_phases(args, folder):
+    """Field of the stored phases on the requested display."""
     phase = on_bench(output.stored_hologram(folder), args)
     display = render_command.display_of(args, phase.hologram.wavelengths)
     modulator = _modulator_of(args)
     if display is not None and modulator != engine.Modulator():
-        raise engine.InvalidInput("A display that was fitted has limits of its own: leave out the others.")
+        raise engine.InvalidInput(
+            "A fitted display has its own limits. Omit the other options of the display."
+        )
     if args.response is not None and args.bits is not None:
-        raise engine.InvalidInput("Levels that were measured have a number of their own: leave out --bits.")
+        raise engine.InvalidInput("Measured levels have their own number. Omit --bits.")
     levels = None if display is not None else render_command.levels_of(args, phase.hologram)
     return phase.field(modulator, display, levels)
 
@@ -263,48 +282,50 @@ def _modulator_of(args):
 
 def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
-    folder, limited = (
-        Path(args.folder),
-        args.response is not None or args.beam is not None or _modulator_of(args) != engine.Modulator(),
+    folder = Path(args.folder)
+    has_display = (
+        args.response is not None or args.beam is not None or _modulator_of(args) != engine.Modulator()
     )
-    if limited and not args.hologram:
+    if has_display and not args.hologram:
         raise engine.InvalidInput(
-            "The limits of a display, and its beam, are for stored phases: add --hologram."
+            "Options of a display, and its beam, are for stored phases. Add --hologram."
         )
-    field = _shown(args, folder) if args.hologram else on_bench(output.stored_field(folder), args)
+    field = _light_of_phases(args, folder) if args.hologram else on_bench(output.stored_field(folder), args)
     report = output.read_report(folder)
-    focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
+    focus = args.focus or _depths(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:
-        raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
+        raise engine.InvalidInput(
+            f"The report in {folder} has no focus distances. Give them with --focus, for example 0.5m,1m,inf."
+        )
     pupil = render_command.pupil_of(args)
-    for place in (float(z) for z in field.mapping.depth_to_z(focus)):
-        if abs(place) >= far_from(field.hologram):
-            pixel = picture_pitch(field.hologram, place)
+    for z in map(float, field.mapping.depth_to_z(focus)):
+        if abs(z) >= far_from(field.hologram):
+            pixel = picture_pitch(field.hologram, z)
             progress.say(
-                f"{place * 1e3:g} mm from the SLM is in its far field: one Fresnel transform, each of the picture's "
-                f"pixels {pixel * 1e3:.4g} mm wide."
+                f"{z * 1e3:g} mm from the SLM is in its far field: one Fresnel transform, with pixels of the image "
+                f"{pixel * 1e3:.4g} mm wide."
             )
     images, notes = pipeline.reconstruct(field, focus, pupil, stage(progress, 0.0, 0.97))
     for note in notes:
         progress.say(f"note: {note}")
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
-    alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
-    white = (alike and report.get("exposure_white")) or output.exposure(rgb)
+    same_pupil = output.pupil_of(report) == pupil  # a smaller part passes less light
+    white = (same_pupil and report.get("exposure_white")) or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
     distances = None if args.focus else args.distances
     files = output.picture_files(rgb, focus, white, pupil, distances)
-    output.write_pictures(target, output.of_phases(files) if args.hologram else files)
+    output.write_pictures(target, output.hologram_files(files) if args.hologram else files)
     progress(1.0, f"Done: {target}")
 
 
-def _at(millimeters, field):
-    """World depths of distances from the SLM or the picture behind its lens."""
+def _depths(millimeters, field):
+    """World depths of distances from the SLM, or from the image behind its lens."""
     ends = 1e3 * field.hologram.depth_far, 1e3 * field.hologram.depth_near
     for distance in millimeters or ():
         if not distance >= ends[0]:
             raise engine.InvalidInput(
-                f"{distance:g} mm from {field.hologram.origin} lies beyond infinity, which this field has at "
-                f"{ends[0]:g} mm: give distances from there on; the near end lies at {ends[1]:g} mm."
+                f"{distance:g} mm from {field.hologram.origin} is beyond infinity, which is at {ends[0]:g} mm in this "
+                f"field. Give larger distances; the near end is at {ends[1]:g} mm."
             )
     return [float(field.mapping.z_to_depth(mm * 1e-3)) for mm in millimeters or ()]
 

@@ -1,4 +1,4 @@
-"""`--cluster`: units that the workers of Dask make, what is seen of it, and the command that they run."""
+"""Option `--cluster`: units that workers of Dask make, a table of their progress, and the command that they run."""
 
 import shutil
 import sys
@@ -14,37 +14,46 @@ from ..farm.work import work_off
 from ..workflow import failures
 from .options import argument
 
-TOLD = 10.0  # seconds between two lines of progress in a file
-SELDOM = 60.0  # and between two tables
-DRAWN = 0.5  # seconds between two of them in a terminal
+LINE_INTERVAL = 10.0  # seconds between two lines of progress in a file
+TABLE_INTERVAL = 60.0  # seconds between two tables in a file
+REDRAW_INTERVAL = 0.5  # seconds between two tables in a terminal
 
 
 def add_option(parser, what):
+    """Add the option `--cluster`.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    what : str
+        The units, for the help text.
+    """
     parser.add_argument(
         "--cluster",
         type=argument(Cluster.parse),
         metavar=FORMS,
-        help=f"{what} by the workers of a Dask scheduler, by N processes here, or by jobs of SLURM, whose options are "
-        "in FILE; needs `pip install distributed`, and dask-jobqueue for slurm",
+        help=f"make {what} by workers of a Dask scheduler, by N processes on this machine, or by SLURM jobs with the "
+        "options in FILE; needs `pip install distributed`, and dask-jobqueue for slurm",
     )
 
 
 def add(commands, parse):
-    """Add what a worker's child runs; it is not listed.
+    """Add the command that a worker's child process runs; it is not listed.
 
     Parameters
     ----------
-    commands : argparse's sub-parsers
+    commands : argparse's action of sub-parsers
     parse : callable
-        ``parse(words)`` of a command, whose ``work(args, say)`` is `farm.work.Work`.
+        ``parse(words)`` gives a command's arguments, whose ``work(args, say)`` gives its `farm.work.Work`.
     """
     parser = commands.add_parser("worker", allow_abbrev=False)
     parser.set_defaults(
-        run=lambda args: worker.serve(lambda words, say: _opened(parse(words), say)), debug=False
+        run=lambda args: worker.serve(lambda words, say: _maker(parse(words), say)), debug=False
     )
 
 
-def _opened(args, say):
+def _maker(args, say):
+    """Function ``make(name, progress)`` of a command's units."""
     work = args.work(args, say)
 
     def make(name, progress):
@@ -55,19 +64,42 @@ def _opened(args, say):
 
 @contextmanager
 def animating(folder):
-    """Who cancels it hears what stays."""
+    """Raise a cancellation in the block with a message on the frames that are kept.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder of the animation.
+
+    Raises
+    ------
+    engine.Cancelled
+    """
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
         if not failures.cancelled(error):
             raise
         raise engine.Cancelled(
-            f"Cancelled: the frames that are done are in {folder}, and the same command goes on after them."
+            f"Canceled: finished frames are in {folder}. The same command continues after them."
         ) from error
 
 
 def work_by(args, work, progress):
-    """Have the units of some work made: by the cluster that the words name, else by this process."""
+    """Make the units of some work, by the requested cluster or by this process.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With `cluster`, `words` and `quiet`.
+    work : farm.work.Work
+        Names of the units made by a cluster are appended to its `made`.
+    progress : console.Progress
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, farm.errors.FarmFailed, OSError
+    """
     units, tag = work.units.values(), work.job.tag
     if args.cluster is None or all(unit.done() for unit in units):
         work_off(work.folder, units, tag, progress, progress.say)
@@ -83,17 +115,17 @@ def work_by(args, work, progress):
 
 
 class _Watch:
-    """A table below the line of progress, drawn over and over in a terminal, and now and then elsewhere."""
+    """A table below the line of progress, redrawn in place in a terminal, and printed now and then elsewhere."""
 
     def __init__(self, progress, quiet):
         self._progress, self._quiet, self._terminal = progress, quiet, sys.stderr.isatty()
-        self._lock = threading.Lock()  # remarks come in a thread of Dask's
-        self._last, self._told = time.monotonic(), -TOLD
+        self._lock = threading.Lock()  # a thread of Dask's makes remarks
+        self._table_time, self._line_time = time.monotonic(), -LINE_INTERVAL
 
     def progress(self, done, message):
-        if not self._terminal and time.monotonic() - self._told < TOLD:
+        if not self._terminal and time.monotonic() - self._line_time < LINE_INTERVAL:
             return
-        self._told = time.monotonic()
+        self._line_time = time.monotonic()
         with self._lock:
             self._progress(done, message)
 
@@ -103,14 +135,16 @@ class _Watch:
             self._progress.say(text)
 
     def show(self, rows):
-        """Show the rows; no rows end it."""
+        """Show the rows of the table; no rows delete it."""
         if self._quiet:
             return
         with self._lock:
             if not rows:
                 self._clear()
-            elif time.monotonic() - self._last > (DRAWN if self._terminal else SELDOM):
-                self._last = time.monotonic()
+            elif time.monotonic() - self._table_time > (
+                REDRAW_INTERVAL if self._terminal else TABLE_INTERVAL
+            ):
+                self._table_time = time.monotonic()
                 self._draw(rows)
 
     def _draw(self, rows):

@@ -1,19 +1,19 @@
-"""Progress and remarks on standard error; on standard output, what a render farm listens for."""
+"""Progress and remarks on standard error; saved files on standard output, where render farms read them."""
 
 import sys
 import threading
 import time
 from contextlib import contextmanager
 
-SILENCE = 60.0  # seconds; batch systems take work that says nothing for some minutes for dead
+MAX_SILENCE = 60.0  # seconds; batch systems stop work that prints nothing for some minutes
 
 _open_line = False
-_latest = None  # line of progress, printed or not
-_printed = 0.0  # when one was, on the monotonic clock
+_latest = None  # latest line of progress, printed or not
+_print_time = 0.0  # of the last line, on the monotonic clock
 
 
 def close_line():
-    """End the updating line of a terminal."""
+    """End the line of progress that a terminal updates in place."""
     global _open_line
     if _open_line:
         print(file=sys.stderr)
@@ -21,32 +21,32 @@ def close_line():
 
 
 @contextmanager
-def alive():
-    """Where standard error is no terminal, the latest progress is printed again after each minute of silence.
+def heartbeat():
+    """Repeat the latest progress after each minute of silence within the block, except in a terminal.
 
-    A thread does so until the block ends: work may be within Mitsuba or Blender for as long as it takes.
+    A thread prints it, because Mitsuba and Blender may compute for long without a call of the progress.
     """
-    global _latest, _printed
+    global _latest, _print_time
     if sys.stderr.isatty():
         yield
         return
-    _latest, _printed = None, time.monotonic()
-    ended = threading.Event()
-    thread = threading.Thread(target=_repeat, args=(ended,), daemon=True)
+    _latest, _print_time = None, time.monotonic()
+    stop = threading.Event()
+    thread = threading.Thread(target=_repeat, args=(stop,), daemon=True)
     thread.start()
     try:
         yield
     finally:
-        ended.set()
+        stop.set()
         thread.join()
 
 
-def _repeat(ended):
-    global _printed
-    while not ended.wait(max(0.0, _printed + SILENCE - time.monotonic())):
-        if time.monotonic() - _printed < SILENCE:
+def _repeat(stop):
+    global _print_time
+    while not stop.wait(max(0.0, _print_time + MAX_SILENCE - time.monotonic())):
+        if time.monotonic() - _print_time < MAX_SILENCE:
             continue  # something was printed meanwhile
-        _printed = time.monotonic()
+        _print_time = time.monotonic()
         if _latest is not None:
             print(f"{_latest} (still at work)", file=sys.stderr, flush=True)
 
@@ -57,7 +57,7 @@ class Progress:
     Parameters
     ----------
     quiet : bool
-        Say nothing, on standard output neither.
+        Whether to print nothing, not even on standard output.
     """
 
     def __init__(self, quiet=False):
@@ -66,20 +66,26 @@ class Progress:
         self._last_time, self._last_done, self._last_message = time.monotonic(), -1.0, None
 
     def __call__(self, done, message):
-        """Called by the work; Ctrl-C arrives as KeyboardInterrupt between calls."""
-        global _open_line, _latest, _printed
+        """Print progress if it is news and due.
+
+        Parameters
+        ----------
+        done : float
+            Fraction of the work.
+        message : str
+        """
+        global _open_line, _latest, _print_time
         if self._quiet:
             return
         line = f"{done:4.0%} {message}"
         _latest = line if done < 1 else None
         now = time.monotonic()
         wait, step = (0.1, 0.0) if self._terminal else (2.0, 0.1)
-        news = done - self._last_done >= step or message != self._last_message
-        due = news and now - self._last_time >= wait
-        if not (due or done >= 1):
+        is_news = done - self._last_done >= step or message != self._last_message
+        if not (is_news and now - self._last_time >= wait or done >= 1):
             return
         self._last_time, self._last_done, self._last_message = now, done, message
-        _printed = now
+        _print_time = now
         if self._terminal:
             print(f"\r\x1b[K{line}", end="\n" if done >= 1 else "", file=sys.stderr, flush=True)
             _open_line = done < 1
@@ -87,33 +93,37 @@ class Progress:
             print(line, file=sys.stderr, flush=True)
 
     def say(self, text):
-        """A line of its own."""
+        """Print a remark in a line of its own.
+
+        Parameters
+        ----------
+        text : str
+        """
         if not self._quiet:
             close_line()
             print(text, file=sys.stderr)
 
     def saved(self, picture, seconds):
-        """Tell of a still or frame that is made, on standard output and as Blender does, which render farms read.
+        """Print the file of a finished still or frame on standard output in Blender's words, which render farms read.
 
         Parameters
         ----------
         picture : path
-            A viewable picture of it.
+            Viewable image.
         seconds : float
-            That it took.
+            Time of its render.
         """
         if self._quiet:
             return
         close_line()
         text = f"Saved: '{picture}'\nTime: {_timecode(seconds)}\n"
         encoding = sys.stdout.encoding or "utf-8"
-        print(
-            text.encode(encoding, "backslashreplace").decode(encoding), end="", flush=True
-        )  # any file's name
+        # Names of files may have letters that the encoding lacks.
+        print(text.encode(encoding, "backslashreplace").decode(encoding), end="", flush=True)
 
 
 def _timecode(seconds):
-    """``01:02.34``, or ``01:00:02.34`` from an hour on."""
+    """A time as ``01:02.34``, or ``01:00:02.34`` from an hour on."""
     hundredths = int(seconds * 100)
     minutes, hundredths = divmod(hundredths, 6000)
     hours, minutes = divmod(minutes, 60)

@@ -1,4 +1,4 @@
-"""`holopath encode`: from stored wave fields to phases for an SLM, of a still or of all frames of an animation."""
+"""Command `holopath encode`: phases for an SLM from stored wave fields of a still or an animation."""
 
 import hashlib
 import time
@@ -19,9 +19,9 @@ from ..workflow.request import Encoding
 from . import options, render_command, sources
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
-from .options import renamed
+from .options import add_old_name
 
-# Words that leave phases as they are.
+# Options that do not affect phases.
 _APART = {
     "run",
     "folder",
@@ -37,37 +37,43 @@ _APART = {
     "words",
     "work",
 }
-BEFORE = "before"  # start of a frame's phases: those of the frame before
+BEFORE = "before"  # --start with the phases of the previous frame
 
 
 def add(command, store):
-    """Add the command, see `render_command.add`."""
+    """Add the command.
+
+    Parameters
+    ----------
+    command, store
+        See `render_command.add`.
+    """
     encode = command("encode", _encode, "Turn stored wave fields into phases for an SLM.")
     encode.set_defaults(work=work_of)
     encode.add_argument(
         "folder",
         metavar="DIR",
-        help="output folder of `holopath render`; of an animation's, frames that have such phases are skipped",
+        help="output folder of `holopath render`; frames of an animation that have such phases are skipped",
     )
-    add_option(encode, "an animation's frames")
+    add_option(encode, "phases of an animation's frames")
     add = encode.add_argument
     add(
         "--method",
         choices=tuple(ENCODINGS),
         default="auto",
-        help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
-        "or towards many more frames of the same light (refine), which needs the scene. auto (default) is refine where "
-        "the scene is there, else joint, and sgd with one frame",
+        help="dpac: double phase; sgd: gradient descent of each frame; joint: of all frames together; refine: of all "
+        "frames, towards many extra frames of the same light, which need the scene. auto (default) is refine if the "
+        "scene is there, else joint, and sgd with one frame",
     )
     add(
         "--scene",
         metavar="SCENE|none",
-        help="that the field was rendered of (default: the one that DIR/report.json names, where it is there and "
-        "unchanged); none: leave it alone",
+        help="scene of the field (default: that in DIR/report.json, if it exists and is unchanged); none: do not open "
+        "a scene",
     )
-    render_command.add_at_frame(encode, "the one of the field")
+    render_command.add_at_frame(encode, "the field's")
     render_command.add_run_scripts(encode)
-    render_command.add_define(encode, "those of the field")
+    render_command.add_define(encode, "the field's")
     render_command.add_cache(encode, store)
     render_command.add_encode_seconds(encode)
     render_command.add_eyebox(encode)
@@ -77,39 +83,39 @@ def add(command, store):
         "--supervision",
         choices=encoding.SUPERVISIONS,
         default="complex",
-        help="what sgd compares: the complex field (default), or amplitudes alone",
+        help="target of sgd: the complex field (default), or only its amplitude",
     )
     add(
         "--compared-planes",
         type=int,
         default=1,
         metavar="N",
-        help="on which amplitudes are compared (default 1)",
+        help="number of planes on which amplitudes are compared (default 1)",
     )
-    renamed(encode, "--planes", "--compared-planes", type=int)
-    add("--no-aperture", dest="aperture", action="store_false", help="without a stop in the Fourier plane")
+    add_old_name(encode, "--planes", "--compared-planes", type=int)
+    add("--no-aperture", dest="aperture", action="store_false", help="no stop in the Fourier plane")
     add(
         "--start",
         default="arg",
         metavar="arg|dpac|before|DIR",
-        help="begin with the field's phases (default), double phase, of an animation with the phases of the frame "
-        "before, which is then made first, or with an earlier hologram in DIR",
+        help="initial phases: the field's (arg, default), double phase (dpac), in an animation those of the previous "
+        "frame, which is then made first (before), or those of an earlier hologram in DIR",
     )
     add(
         "--tolerance",
         type=float,
         default=1e-3,
-        metavar="SHARE",
-        help="least relative gain of a step that is worth it (default %(default)s)",
+        metavar="FRACTION",
+        help="minimum relative gain of a step; iteration ends below it (default %(default)s)",
     )
     add(
         "--max-steps",
         type=int,
         metavar="N",
-        help="steps of each stage at most (default: as many as are worth it)",
+        help="maximum number of steps of each stage (default: as many as pay off)",
     )
-    renamed(encode, "--steps", "--max-steps", type=int)
-    add("--out", metavar="DIR", help="where to write (default DIR/hologram)")
+    add_old_name(encode, "--steps", "--max-steps", type=int)
+    add("--out", metavar="DIR", help="output folder (default DIR/hologram)")
 
 
 def _encode(args):
@@ -118,20 +124,24 @@ def _encode(args):
         _animate(args, progress)
         return
     if args.cluster is not None:
-        raise engine.InvalidInput(f"{args.folder} holds no animation: leave out --cluster.")
+        raise engine.InvalidInput(
+            f"Expected an animation in {args.folder} for --cluster, found none. Omit --cluster."
+        )
     folder = Path(args.folder)
     target = Path(args.out) if args.out else folder / "hologram"
     start = args.start
     if start == BEFORE:
         raise engine.InvalidInput(
-            f"{args.folder} holds no animation, whose frames begin with the one before: leave out --start before, or "
-            "give ./before for a folder of this name."
+            f"Expected an animation in {args.folder} for --start before, found none. Omit it, or give ./before for a "
+            "folder of this name."
         )
     if start not in encoding.STARTS:
         start = output.stored_hologram(Path(start))
-        start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
+        start = replace(start, data=np.array(start.data))  # Windows does not replace mapped files
     if args.encode_seconds is not None and args.method == "dpac":
-        raise engine.InvalidInput("--encode-seconds is for phases by descent, not for dpac: leave them out.")
+        raise engine.InvalidInput(
+            "Expected a method with gradient descent for --encode-seconds, got dpac. Omit it."
+        )
     stopped, stages = None, Stages(progress, "encode")
     try:
         scene, settings = _scene(args, folder, stages["scene"], progress.say)
@@ -142,47 +152,54 @@ def _encode(args):
         phase, stopped = error.kept, error
     phase.save(target, stages["files"])
     if stopped is not None:
-        raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
+        raise engine.Cancelled(f"Canceled: the phases of the last step are in {target}.") from stopped
     if phase.report.get("advice"):
         progress.say(f"note: {phase.report['advice']}")
     progress(1.0, f"Done: {target}")
 
 
 def _scene(args, folder, progress, say):
-    """The scene of a stored field and its settings, where `refine` may want them; both None where there is none."""
-    field, alone = output.stored_field(folder), (None, None)
-    asked = args.scene is not None or args.at_frame is not None or args.run_scripts or bool(args.define)
+    """The scene of a stored field and its settings, if the method may need them; otherwise None for both."""
+    field, no_scene = output.stored_field(folder), (None, None)
+    is_requested = (
+        args.scene is not None or args.at_frame is not None or args.run_scripts or bool(args.define)
+    )
     if args.method not in ("auto", "refine"):
-        if asked and args.scene != "none":
+        if is_requested and args.scene != "none":
             raise engine.InvalidInput(
-                f"The encoding {args.method} takes no scene: leave it out, or choose refine."
+                f"The encoding {args.method} does not use a scene. Omit --scene, --at-frame, --run-scripts and "
+                "--define, or choose refine."
             )
-        return alone
+        return no_scene
     if args.scene == "none":
-        return alone
-    asked = asked or args.method == "refine"
-    if not asked and sources.named(output.read_report(folder)) is None:
-        return alone  # as of other programs' fields
+        return no_scene
+    is_requested = is_requested or args.method == "refine"
+    if not is_requested and sources.scene_name(output.read_report(folder)) is None:
+        return no_scene  # such as a field of another program
     progress(0.0, "Opening the scene")
     try:
-        found = sources.reopen(
+        reopened = sources.reopen(
             folder, field, args.scene, args.at_frame, args.run_scripts, dict(args.define or ())
         )
-        if found.settings is not None and found.settings.method in BASELINES and args.method == "auto":
-            return alone
-        if found.settings is None:
-            raise engine.InvalidInput(f"{folder} does not say with which settings it was rendered.")
-        if not found.same:
+        if reopened.settings is not None and reopened.settings.method in BASELINES and args.method == "auto":
+            return no_scene
+        if reopened.settings is None:
             raise engine.InvalidInput(
-                f"{found.name} has changed since the field was rendered, or is at another frame: render it again, or "
-                "give --at-frame N."
+                f"The report in {folder} lacks the settings of the render. Render it again, or give --scene none."
+            )
+        if not reopened.same:
+            raise engine.InvalidInput(
+                f"{reopened.name} has changed since the render, or is at another frame. Render it again, or give "
+                "--at-frame N."
             )
     except (engine.InvalidInput, engine.BackendUnavailable) as error:
-        if asked:
+        if is_requested:
             raise
-        say(f"note: {error} So phases go towards the field alone; with its scene they would be better.")
-        return alone
-    return found.scene, found.settings
+        say(
+            f"note: {error} The phases approximate only the stored field; with its scene they would be better."
+        )
+        return no_scene
+    return reopened.scene, reopened.settings
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
@@ -190,7 +207,7 @@ def _phases(args, folder, start, progress, scene=None, settings=None):
     optics = replace(options.with_colors(field.hologram, args).optics, **options.optics_of(args))
     if optics.lens != field.hologram.optics.lens:
         raise engine.InvalidInput(
-            f"The field in {folder} was rendered for another lens: leave out --lens, or render it with this one."
+            f"The field in {folder} was rendered for another lens. Omit --lens, or render it with this one."
         )
     field = engine.at_panel(field, optics)
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
@@ -224,70 +241,88 @@ def _animate(args, progress):
         work = work_of(args, progress.say)
         with work.job.join(work.folder):
             work_by(args, work, progress)
-    seconds, made = time.perf_counter() - start, len(work.made)
-    others = len(work.units) - made
-    before = f", {others} done before or by others" if others else ""
-    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.folder}")
+    seconds, count = time.perf_counter() - start, len(work.made)
+    others = len(work.units) - count
+    rest = f", {others} done before or by others" if others else ""
+    progress(1.0, f"Done: {count} frame{'' if count == 1 else 's'} in {seconds:.1f} s{rest}: {args.folder}")
 
 
 def work_of(args, say) -> Work:
-    """The phases of an animation's frames, a unit a frame; see `render_command.units_of`.
+    """Work on the phases of an animation, one unit per frame.
 
-    They lie in the frames' folders, and go with them when a frame is rendered anew.
+    The phases are in the frames' folders, and are deleted when a frame is rendered again.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        See `cli.parse`.
+    say : callable
+        ``say(text)`` receives remarks.
+
+    Returns
+    -------
+    farm.work.Work
+
+    Raises
+    ------
+    engine.InvalidInput
+        If options do not fit an animation.
     """
     if args.scene not in (None, "none") or args.at_frame is not None or args.run_scripts or args.define:
         raise engine.InvalidInput(
-            "An animation's fields are encoded without their scene: leave it out, or render with --encode auto."
+            "Fields of an animation are encoded without their scene. Omit the scene's options, or render with "
+            "--encode auto."
         )
     if args.out is not None:
-        raise engine.InvalidInput("Phases of an animation go into its frames' folders: leave out --out.")
+        raise engine.InvalidInput("Phases of an animation are written into its frames' folders. Omit --out.")
     if args.start not in (*encoding.STARTS, BEFORE):
         raise engine.InvalidInput(
-            f"{args.start} is one hologram: an animation's frames begin with arg, dpac or before."
+            f"Expected arg, dpac or before for --start of an animation, got the hologram {args.start}."
         )
     if args.start == BEFORE and args.method == "dpac":
-        raise engine.InvalidInput("--start before is for phases by descent, not for dpac: leave it out.")
-    words = {name: value for name, value in vars(args).items() if name not in _APART}
+        raise engine.InvalidInput(
+            "Expected a method with gradient descent for --start before, got dpac. Omit it."
+        )
+    inputs = {name: value for name, value in vars(args).items() if name not in _APART}
     apart = ("blender", "python")
     versions = {name: text or "none" for name, text in output.versions().items() if name not in apart}
-    work = Work(
-        Path(args.folder), EncodingJob("", words, digests(render_command.files_of(args)), versions), {}, []
-    )
-    before = None
+    job = EncodingJob("", inputs, digests(render_command.files_of(args)), versions)
+    work = Work(Path(args.folder), job, {}, [])
+    previous = None
     for folder in output.frame_folders(args.folder):
-        work.units[folder.name] = _frame(args, work, folder, before)
-        before = folder if args.start == BEFORE else None
+        work.units[folder.name] = _unit(args, work, folder, previous)
+        previous = folder if args.start == BEFORE else None
     return work
 
 
-def _frame(args, work, folder, before):
-    """The phases of a frame. Those that begin with the frame before are made anew where its have changed."""
+def _unit(args, work, folder, previous):
+    """Unit of a frame's phases. With `previous` they are made again if that frame's phases have changed."""
     target, digest = folder / "hologram", work.job.digest
 
     def make(progress):
         files.sweep(target)
-        start, told = args.start, {"job": digest}
+        start, entries = args.start, {"job": digest}
         if start == BEFORE:
-            first = None if before is None else engine.PhaseHologram.load(before / "hologram")
-            alike = first is not None and first.data.shape == output.stored_field(folder).data.shape
-            start = first if alike else encoding.STARTS[0]
-            told["begun_with"] = None if first is None else first.report["sha256"]
+            initial = None if previous is None else engine.PhaseHologram.load(previous / "hologram")
+            fits = initial is not None and initial.data.shape == output.stored_field(folder).data.shape
+            start = initial if fits else encoding.STARTS[0]
+            entries["begun_with"] = None if initial is None else initial.report["sha256"]
         stages = Stages(progress, "encode")
         phase = _phases(args, folder, start, stages["phases"])
         if args.start == BEFORE:
-            told["sha256"] = hashlib.sha256(np.ascontiguousarray(phase.data).data).hexdigest()
-        replace(phase, report={**phase.report, **told}).save(target, stages["files"])
+            entries["sha256"] = hashlib.sha256(np.ascontiguousarray(phase.data).data).hexdigest()
+        replace(phase, report={**phase.report, **entries}).save(target, stages["files"])
         work.made.append(folder.name)
 
-    def done():
-        told, first = _told(folder), {} if before is None else _told(before)
-        return told.get("job") == digest and told.get("begun_with") == first.get("sha256")
+    def is_done():
+        report, initial = _phase_report(folder), {} if previous is None else _phase_report(previous)
+        return report.get("job") == digest and report.get("begun_with") == initial.get("sha256")
 
-    return Unit(folder.name, make, done, () if before is None else (before.name,))
+    return Unit(folder.name, make, is_done, () if previous is None else (previous.name,))
 
 
-def _told(folder):
-    """What the report on a frame's phases says; nothing where there are none."""
+def _phase_report(folder):
+    """Report of a frame's phases; empty if it has none."""
     try:
         return engine.PhaseHologram.load(folder / "hologram").report
     except engine.InvalidInput:

@@ -1,4 +1,4 @@
-"""`holopath export` and `holopath import`: fields and phases in files of other programs."""
+"""Commands `holopath export` and `holopath import`: fields and phases in files of other programs."""
 
 import math
 from dataclasses import replace
@@ -17,135 +17,148 @@ from .console import Progress
 from .options import add_optics, argument, numbers, optics_of, pitch, with_colors
 
 _KINDS = ", ".join(exchange.SUFFIXES)
-PRINT = ("dpi", "bits", "carrier", "frame", "wavelength")  # options of a print alone
-SAME = 0.5  # nanometers: wavelengths that differ by less are one
+PRINT_OPTIONS = ("dpi", "bits", "carrier", "frame", "wavelength")  # of prints only
+MAX_WAVELENGTH_ERROR = 0.5  # nanometers between --wavelength and the hologram's
 
 
 def add(command):
-    """Add the commands, see `render_command.add`."""
-    export = command(
-        "export", _export, "Write a stored field, or stored phases, as a file for other programs."
-    )
+    """Add the commands.
+
+    Parameters
+    ----------
+    command : callable
+        See `render_command.add`.
+    """
+    export = command("export", _export, "Write a stored field or stored phases to a file for other programs.")
     export.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     export.add_argument(
-        "file", metavar="FILE", help=f"its name ends on {_KINDS}; of a print on {', '.join(prints.SUFFIXES)}"
+        "file",
+        metavar="FILE",
+        help=f"file to write, with the suffix {_KINDS}; for a print {', '.join(prints.SUFFIXES)}",
     )
-    export.add_argument("--hologram", action="store_true", help="the stored phases instead of the wave field")
+    export.add_argument(
+        "--hologram", action="store_true", help="export the stored phases instead of the wave field"
+    )
     _add_print(export)
-    _add_convention(export, "how the file has it (default: holopath; matlab in a .mat)")
+    _add_convention(export, "convention of the file (default: holopath; matlab for .mat)")
 
     take = command(
-        "import", _import, "Take a field or phases of another program, to refocus, encode and stream."
+        "import", _import, "Import a field or phases of another program, to refocus, encode and stream."
     )
     take.add_argument(
         "files",
         metavar="FILE",
         nargs="+",
         type=argument(_file),
-        help=f"{', '.join(exchange.READABLE)}; two files of one field as amplitude=FILE phase=FILE, "
+        help=f"file to read ({', '.join(exchange.READABLE)}); two files of one field as amplitude=FILE phase=FILE, "
         "intensity=FILE phase=FILE, or real=FILE imaginary=FILE",
     )
-    take.add_argument("--out", required=True, metavar="DIR", help="output folder, which is to be new")
+    take.add_argument("--out", required=True, metavar="DIR", help="output folder, new or empty")
     take.add_argument(
         "--array",
         type=argument(_array),
         metavar="NAME|ROLE=NAME,..",
-        help="which of the file's arrays, or which for each role, as amplitude=A,phase=P; of a color picture red, "
-        "green or blue (default: as their names say, if they say it in one way)",
+        help="name of the array, or one for each role, as amplitude=A,phase=P; red, green or blue of a color image "
+        "(default: by the arrays' names, if they are unambiguous)",
     )
-    _add_convention(take, "how the program has it (default: as the file says, else holopath)")
-    add = take.add_argument_group("what the file does not say").add_argument
+    _add_convention(take, "convention of the program (default: that in the file, else holopath)")
+    add = take.add_argument_group("missing in the file").add_argument
     add(
         "--pitch",
         type=argument(pitch),
         metavar="UM[,UM]",
-        help="pixel pitch, micrometers; X,Y where pixels are not square",
+        help="pixel pitch, micrometers; X,Y if pixels are not square",
     )
     add(
         "--wavelengths",
         type=numbers(0, "a list of wavelengths", "nanometers"),
         metavar="NM[,NM..]",
-        help="in the array's order",
+        help="wavelengths in the array's order",
     )
     add(
         "--at",
         type=float,
         metavar="MM",
-        help="distance of the field's plane from the SLM, to which it is brought (default 0)",
+        help="distance of the field's plane from the SLM, to which the field is propagated (default 0)",
     )
     add(
         "--units",
         choices=CHOICES,
-        help="of phases (default: as the file says, else levels for whole numbers, and radians for others that fill a "
-        "turn)",
+        help="units of phases (default: those in the file, else levels for integers, and radians for other numbers "
+        "that fill a turn)",
     )
     add(
         "--bits",
         type=int,
         metavar="N",
-        help="2^N levels are a turn (default: as many as the type holds, if they fill it)",
+        help="bits of levels, of which 2^N are a turn (default: those of the type, if the levels fill it)",
     )
     add(
         "--transfer",
         choices=TRANSFERS,
-        help="how whole numbers hold amplitudes or intensities: in proportion, or encoded for screens",
+        help="transfer function of amplitudes or intensities in integers",
     )
     add(
         "--packing",
         type=argument(check_packing),
         metavar="NAME|BITS",
-        help=f"how a color picture holds phases, one of {', '.join(PACKINGS)} as `holopath stream` has them, or which "
-        "bits of the channels a level is, from its highest on, such as R7-5,G7-5,B7-4 (default: one hologram of three "
+        help=f"packing of phases in a color image: {', '.join(PACKINGS)} as in `holopath stream`, or the bits of the "
+        "channels that make a level, from its highest on, such as R7-5,G7-5,B7-4 (default: one hologram of three "
         "wavelengths)",
     )
     add(
         "--depth-range",
         type=numbers(2, "FAR,NEAR", "millimeters"),
         metavar="FAR_MM,NEAR_MM",
-        help="infinity's and the near end's distances from the SLM (default: what the display can show)",
+        help="distances of infinity and of the near end from the SLM (default: the range of the display)",
     )
     add("--near", type=float, metavar="METERS", help="world depth of the near end (default 1)")
     add(
         "--fov",
         type=float,
         metavar="DEGREES",
-        help="horizontal field of view (default: by an eyepiece of 50 mm)",
+        help="horizontal field of view (default: that of an eyepiece of 50 mm)",
     )
-    add_optics(take, "what the file says")
+    add_optics(take, "the file's")
 
 
 def _add_print(parser):
     parser.add_argument(
         "--interference",
         action="store_true",
-        help="a gray picture of the light's interference with an off-axis reference wave, to be printed on film as an "
-        "amplitude hologram; of phases, of what the SLM lets through",
+        help="write a gray image of the light's interference with an off-axis reference wave, to print on film as an "
+        "amplitude hologram; with --hologram, of the light that the phases show",
     )
     add = parser.add_argument_group("print, with --interference").add_argument
     add(
         "--dpi",
         type=float,
         metavar="N",
-        help="dots per inch of the printer, one for each pixel of the hologram (default: as its pitch has them)",
+        help="dots per inch of the printer, one per pixel of the hologram (default: by its pitch)",
     )
-    add("--bits", type=int, choices=prints.BITS, help="of the picture's gray (default 8); 1: black and white")
+    add(
+        "--bits",
+        type=int,
+        choices=prints.BITS,
+        help="bits of the image's gray levels (default 8); 1: black and white",
+    )
     add(
         "--carrier",
         type=argument(parse_carrier),
         metavar="X,Y|auto",
-        help="where the middle of the picture's light is to lie, in units of the band's edge (default: the field's; "
-        "auto if that lies on axis)",
+        help="center of the image's light in units of the band's edge (default: the field's, or auto if that is on "
+        "axis)",
     )
-    add("--frame", type=int, metavar="N", help="which one, from 0, where there are several")
-    add("--wavelength", type=float, metavar="NM", help="which one, where there are several")
+    add("--frame", type=int, metavar="N", help="number of the frame, from 0, if there are several")
+    add("--wavelength", type=float, metavar="NM", help="wavelength, if there are several")
 
 
 def _add_convention(parser, what):
     add = parser.add_argument_group("convention, see docs/files.md").add_argument
     add("--convention", choices=tuple(exchange.CONVENTIONS), help=what)
-    add("--axes", type=argument(_axes), metavar="A,B,..", help="of frame, wavelength, y, x, in any order")
+    add("--axes", type=argument(_axes), metavar="A,B,..", help="order of the axes frame, wavelength, y, x")
     add("--time", choices=tuple(SIGNS), help="sign of i omega t: - (default) or +")
-    add("--row-0", choices=ROWS, help="where row 0 is (default top)")
+    add("--row-0", choices=ROWS, help="position of row 0 (default top)")
 
 
 def _axes(text):
@@ -155,46 +168,46 @@ def _axes(text):
 
 
 def _file(text):
-    """A role, or None, and a file."""
+    """Role, or None, and file of a word."""
     role, equals, path = text.partition("=")
     return (role, path) if equals and role in (FIELD, *ROLES) else (None, text)
 
 
 def _array(text):
-    """A name, or a name for each role."""
+    """Name of an array, or names by role."""
     pairs = [_file(part) for part in text.split(",")]
     if not all(role for role, _ in pairs):
         return text
     if len({role for role, _ in pairs}) < len(pairs):
-        raise engine.InvalidInput(f"'{text}' names a role twice")
+        raise engine.InvalidInput(f"Expected each role once, got '{text}'")
     return dict(pairs)
 
 
 def _container(files, array):
-    """What is in one file, or in a file for each role, and which of its arrays are named."""
+    """Contents of one file, or of a file for each role, and the names of their arrays."""
     roles = [role for role, _ in files]
     if len(files) == 1 and roles[0] is None:
         return exchange.read(files[0][1]), array
     if None in roles or len(set(roles)) < len(roles):
         raise engine.InvalidInput(
-            "Two files are one field: say what each is, as amplitude=FILE phase=FILE, intensity=FILE phase=FILE, or "
+            "Expected a role for each file of a field. Write amplitude=FILE phase=FILE, intensity=FILE phase=FILE, or "
             "real=FILE imaginary=FILE."
         )
     if isinstance(array, str):
         if len(files) > 1:
             raise engine.InvalidInput(
-                f"Each file has a role: say --array {roles[0]}={array}, as in amplitude=A,phase=P."
+                f"Expected an array for each role, got {array}. Write for example --array {roles[0]}={array}."
             )
         array = {roles[0]: array}
     return exchange.read_parts(dict(files), array), None
 
 
 def _convention(args, default=None):
-    """What the words say; None if they say nothing."""
-    said = {"axes": args.axes, "time": args.time, "rows": args.row_0}
-    said = {name: value for name, value in said.items() if value is not None}
-    named = exchange.CONVENTIONS[args.convention] if args.convention else default
-    return replace(named or exchange.Convention(), **said) if named or said else None
+    """Convention by the options; None without them and a default."""
+    changes = {"axes": args.axes, "time": args.time, "rows": args.row_0}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    base = exchange.CONVENTIONS[args.convention] if args.convention else default
+    return replace(base or exchange.Convention(), **changes) if base or changes else None
 
 
 def _export(args):
@@ -204,9 +217,9 @@ def _export(args):
     if args.interference:
         _print(args, thing, file, progress)
         return
-    asked = [name for name in PRINT if getattr(args, name) is not None]
-    if asked:
-        raise engine.InvalidInput(f"--{asked[0]} is of a print: add --interference, or leave it out.")
+    given = [name for name in PRINT_OPTIONS if getattr(args, name) is not None]
+    if given:
+        raise engine.InvalidInput(f"Expected --interference with --{given[0]}. Add it, or omit --{given[0]}.")
     matlab = exchange.CONVENTIONS["matlab"] if file.suffix.lower() == ".mat" else None
     container = exchange.container_of(thing, _convention(args, matlab))
     progress(0.1, "Writing")
@@ -217,20 +230,17 @@ def _export(args):
 def _print(args, thing, file, progress):
     """Write the amplitude hologram of a frame at one wavelength."""
     if _convention(args) is not None:
-        raise engine.InvalidInput(
-            "A print has no convention: leave out --convention, --axes, --time and --row-0."
-        )
+        raise engine.InvalidInput("A print has no convention. Omit --convention, --axes, --time and --row-0.")
     hologram = thing.hologram
     frame, color = _frame(args.frame, len(thing.data)), _color(args.wavelength, hologram.wavelengths)
     if isinstance(hologram.pitch, tuple):
         raise engine.InvalidInput(
-            f"A print has dots as far apart in x as in y, and pixels are {in_words(hologram.pitch)}: render with one "
-            "number for --pitch."
+            f"Expected square pixels for a print, got {in_words(hologram.pitch)}. Render with one number for --pitch."
         )
     if args.dpi is not None:
         prints.check_dots(args.dpi, hologram.pitch)
     thing = replace(thing, hologram=replace(hologram, optics=_off_axis(args, hologram.optics)))
-    progress(0.1, "Interfering")
+    progress(0.1, "Computing the interference")
     bits, dot = args.bits or 8, prints.INCH / args.dpi if args.dpi else hologram.pitch
     picture = engine.interference(thing, frame, color, binary=bits == 1)
     progress(0.5, "Writing")
@@ -248,39 +258,42 @@ def _print(args, thing, file, progress):
 def _frame(frame, count):
     if frame is None and count > 1:
         raise engine.InvalidInput(
-            f"A print is one frame, and there are {count}: choose one with --frame N, from 0."
+            f"Expected one frame for a print, got {count}. Choose one with --frame N, from 0."
         )
     if frame is not None and not 0 <= frame < count:
-        raise engine.InvalidInput(f"There is no frame {frame}: choose --frame 0 to {count - 1}.")
+        raise engine.InvalidInput(
+            f"Expected a frame from 0 to {count - 1}, got {frame}. Choose another --frame."
+        )
     return frame or 0
 
 
-def _color(wavelength, there):
-    """Number of a wavelength in nanometers."""
-    names = ", ".join(f"{w * 1e9:.4g}" for w in there)
+def _color(wavelength, wavelengths):
+    """Index of a wavelength in nanometers among wavelengths in meters."""
+    names = ", ".join(f"{w * 1e9:.4g}" for w in wavelengths)
     if wavelength is None:
-        if len(there) > 1:
+        if len(wavelengths) > 1:
             raise engine.InvalidInput(
-                f"A print is of one wavelength, and there are {len(there)}: choose --wavelength {names}."
+                f"Expected one wavelength for a print, got {len(wavelengths)}. Choose --wavelength {names}."
             )
         return 0
-    near = min(range(len(there)), key=lambda n: abs(there[n] * 1e9 - wavelength))
-    if abs(there[near] * 1e9 - wavelength) > SAME:
-        raise engine.InvalidInput(f"There is no light of {wavelength:g} nm: choose --wavelength {names}.")
-    return near
+    nearest = min(range(len(wavelengths)), key=lambda n: abs(wavelengths[n] * 1e9 - wavelength))
+    if abs(wavelengths[nearest] * 1e9 - wavelength) > MAX_WAVELENGTH_ERROR:
+        raise engine.InvalidInput(
+            f"Expected a wavelength of the hologram, got {wavelength:g} nm. Choose --wavelength {names}."
+        )
+    return nearest
 
 
 def _off_axis(args, optics):
-    """The stored bench with the carrier that the words say."""
+    """The stored bench with an off-axis carrier."""
     if args.hologram:
         if args.carrier is not None:
             raise engine.InvalidInput(
-                "Stored phases have their carrier: leave out --carrier, or encode with it."
+                "Stored phases have their own carrier. Omit --carrier, or encode with it."
             )
         if not any(optics.carrier):
             raise engine.InvalidInput(
-                "The stored phases are for light on axis, where the picture and its twin lie on each other: encode "
-                "them with --carrier auto."
+                "Expected off-axis phases: on axis the image and its twin overlap. Encode with --carrier auto."
             )
         return optics
     if args.carrier is None and any(optics.carrier):
@@ -292,10 +305,10 @@ def _import(args):
     progress = Progress(quiet=args.quiet)
     out = Path(args.out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise engine.InvalidInput(f"{out} is there already: choose a new folder, for nothing is replaced.")
+        raise engine.InvalidInput(f"The output {out} exists already. Choose a new folder.")
     progress(0.0, "Reading")
     container, array = _container(args.files, args.array)
-    given = exchange.ReadOptions(
+    options = exchange.ReadOptions(
         array,
         _convention(args),
         args.pitch,
@@ -310,11 +323,11 @@ def _import(args):
         args.packing,
         engine.Optics(**optics) if (optics := optics_of(args)) else None,
     )
-    thing = exchange.hologram_of(container, given)
+    thing = exchange.hologram_of(container, options)
     thing = replace(thing, hologram=with_colors(thing.hologram, args))
-    field = isinstance(thing, engine.WaveField)
+    is_field = isinstance(thing, engine.WaveField)
     with output.output_folder(out) as part:
-        thing.save(part / ("wavefield" if field else "hologram"))
+        thing.save(part / ("wavefield" if is_field else "hologram"))
         names = [path if role is None else f"{role}={path}" for role, path in args.files]
         report = {
             "format": output.FORMAT,
@@ -322,4 +335,4 @@ def _import(args):
             "imported": names[0] if len(names) == 1 else names,
         }
         output.write_report(part, report)
-    progress(1.0, f"Done: {out}{'' if field else ' (phases: refocus them with --hologram)'}")
+    progress(1.0, f"Done: {out}{'' if is_field else ' (phases: refocus them with --hologram)'}")

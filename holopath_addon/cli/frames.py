@@ -1,4 +1,4 @@
-"""The frames of an animation as units of work, and before them the light that they have alike."""
+"""Units of work of an animation: its frames, and before them their common light."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -17,40 +17,40 @@ from ..workflow.request import Request
 from .sources import BlenderSource
 
 LIGHT = "light"  # name of the unit, and of its folder
-LIGHT_TOLD = "Light: "  # begins what is said while it is made
+LIGHT_PREFIX = "Light: "  # of the messages of its progress, which Blender's window reads
 
 
 class AnimationFrames:
-    """The units of an animation.
+    """Units of an animation.
 
     Parameters
     ----------
     out : path
-        Output folder of all.
+        Output folder of the animation.
     numbers : sequence of int
-        Frames that are asked for.
+        Requested frames.
     source : BlenderSource
     job : str
         Digest of the job.
     method : str
-        That is asked for.
+        Requested method of light transport.
     encode : str
-        As `Encoding.method` of all requests.
+        `Encoding.method` of all requests.
     store : engine.BakeStore or None
-        As of all requests.
+        `Request.store` of all requests.
     request : callable
-        ``request()`` exports the scene in its current frame.
-    finished : callable
-        ``finished(folder, report)`` of each frame that this process makes.
+        ``request()`` gives the `Request` of the scene in its current frame.
+    on_finish : callable
+        ``on_finish(folder, report)`` is called after each frame that this process makes.
     say : callable
-        ``say(text)`` of what was there before.
+        ``say(text)`` receives remarks on frames that were there.
     in_turn : bool
-        Whether the phases of a frame begin with those of the frame before, which is then made first.
+        Whether the phases of a frame start from those of the previous one, which is then made first.
 
     Attributes
     ----------
     names : list of str
-        Of the frames that this process has made; it grows.
+        Names of the frames that this process has made so far.
     """
 
     def __init__(
@@ -63,65 +63,65 @@ class AnimationFrames:
         encode: str,
         store: engine.BakeStore | None,
         request: Callable[[], Request],
-        finished: Callable[[Path, dict], None],
+        on_finish: Callable[[Path, dict], None],
         say: Callable[[str], None],
         in_turn: bool = False,
     ) -> None:
         self.names: list[str] = []
         self._source, self._job, self._encode, self._request = source, job, encode, request
-        self._finished, self._say = finished, say
+        self._on_finish, self._say = on_finish, say
         self._light = JobLight(out / LIGHT, job, store) if method in DECIDED else None
         self._folders = {number: output.frame_folder(out, number) for number in numbers}
-        self._before = dict(zip(list(numbers)[1:], numbers, strict=False)) if in_turn else {}
+        self._previous = dict(zip(list(numbers)[1:], numbers, strict=False)) if in_turn else {}
 
     @cached_property
     def units(self) -> dict[str, Unit]:
-        """By name, in order."""
+        """The units by name, in order."""
         needs = () if self._light is None else (LIGHT,)
-        found = [
+        units = [
             Unit(
                 folder.name,
                 partial(self._make, number),
-                partial(self._made, folder),
-                (*needs, *(self._folders[n].name for n in [self._before.get(number)] if n is not None)),
+                partial(self._is_complete, folder),
+                (*needs, *(self._folders[n].name for n in [self._previous.get(number)] if n is not None)),
             )
             for number, folder in self._folders.items()
         ]
         if self._light is not None:
-            found.insert(0, Unit(LIGHT, self._make_light, self._lit, prepares=True))
-        return {unit.name: unit for unit in found}
+            units.insert(0, Unit(LIGHT, self._make_light, self._is_lit, prepares=True))
+        return {unit.name: unit for unit in units}
 
-    def _made(self, folder):
-        return stills.made(folder, self._job, self._encode)
+    def _is_complete(self, folder):
+        return stills.is_complete(folder, self._job, self._encode)
 
     def _make(self, number, progress):
         folder = self._folders[number]
 
-        def at(done, message):
+        def frame_progress(done, message):
             progress(min(done, 0.999), f"Frame {number}: {message}")
 
         with _naming(number):
-            began = time.perf_counter()
-            at(0.0, "Exporting the scene")
+            start = time.perf_counter()
+            frame_progress(0.0, "Exporting the scene")
             self._source.go_to(number)
-            request = self._alike(self._request(), at)
-            if number in self._before:
-                before = self._folders[self._before[number]] / "hologram"
-                request = replace(request, encoding=replace(request.encoding, before=before))
-            spent = time.perf_counter() - began
+            request = self._with_common_light(self._request(), frame_progress)
+            if number in self._previous:
+                previous = self._folders[self._previous[number]] / "hologram"
+                request = replace(request, encoding=replace(request.encoding, previous=previous))
+            seconds = time.perf_counter() - start
             result, report = stills.update(
                 folder,
                 request,
-                Stages(at, "still")["still"],
-                spent,
+                Stages(frame_progress, "still")["still"],
+                seconds,
                 lambda text: self._say(f"{folder.name}: {text}"),
             )
         if result is not None:
             self.names.append(folder.name)
-            self._finished(folder, report)
+            self._on_finish(folder, report)
 
-    def _alike(self, request, progress):
-        """A frame's request with the light that all have; settings may be animated, though."""
+    def _with_common_light(self, request, progress):
+        """A frame's request with the light of all frames, unless the frame's animated settings exclude it."""
         if self._light is None or request.settings.method not in DECIDED:
             return request
         wait_until(self._light.done, self._light.folder, progress)
@@ -131,23 +131,23 @@ class AnimationFrames:
     def _make_light(self, progress):
         assert self._light is not None
 
-        def look(number):
+        def request_at(number):
             self._source.go_to(number)
             return self._request()
 
         self._light.make(
-            self._source.frames, look, lambda done, message: progress(done, f"{LIGHT_TOLD}{message}")
+            self._source.frames, request_at, lambda done, message: progress(done, f"{LIGHT_PREFIX}{message}")
         )
 
-    def _lit(self):
-        """Whether no frame waits for the light."""
+    def _is_lit(self):
+        """Whether the light is there, or no frame needs it any more."""
         assert self._light is not None
-        return self._light.done() or all(map(self._made, self._folders.values()))
+        return self._light.done() or all(map(self._is_complete, self._folders.values()))
 
 
 @contextmanager
 def _naming(number):
-    """Errors of bad input name the frame."""
+    """Name the frame in errors of bad input in the block."""
     try:
         yield
     except engine.InvalidInput as error:

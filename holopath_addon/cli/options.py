@@ -1,4 +1,4 @@
-"""The settings that `engine.settings` declares, as options of a command and as the documentation's table."""
+"""Options of several commands: the settings of `engine.settings`, and the bench around the SLM."""
 
 import argparse
 import sys
@@ -25,7 +25,17 @@ from ..slm.calibration import colors_of
 
 
 def argument(parse: Callable) -> Callable:
-    """Argument type from a function that raises `InvalidInput` or `ValueError`."""
+    """Argument type of a parser from a function.
+
+    Parameters
+    ----------
+    parse : callable
+        ``parse(text)`` gives the value, or raises `engine.InvalidInput` or ValueError. Its name describes the type.
+
+    Returns
+    -------
+    callable
+    """
 
     def convert(text):
         try:
@@ -38,20 +48,51 @@ def argument(parse: Callable) -> Callable:
 
 
 def pitch(text: str) -> Pitch:
-    """A pixel pitch, or one in x and one in y, in micrometers; gives meters."""
+    """Parse a pixel pitch.
+
+    Parameters
+    ----------
+    text : str
+        One number in micrometers, or two with a comma for x and y.
+
+    Returns
+    -------
+    float or (float, float)
+        Meters.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If the text is not one or two numbers.
+    """
     try:
-        found = [float(part) * 1e-6 for part in text.split(",")]
+        values = [float(part) * 1e-6 for part in text.split(",")]
     except ValueError:
-        found = []
-    if len(found) not in (1, 2):
+        values = []
+    if len(values) not in (1, 2):
         raise engine.InvalidInput(
-            f"'{text}' is no pixel pitch: give it in micrometers, or X,Y where pixels are not square."
+            f"Expected a pixel pitch, got '{text}'. Give it in micrometers, or as X,Y if pixels are not square."
         )
-    return found[0] if len(found) == 1 else (found[0], found[1])
+    return values[0] if len(values) == 1 else (values[0], values[1])
 
 
 def numbers(count: int, shape: str, unit: str) -> Callable:
-    """Argument type of so many numbers with commas between them; 0 for one or more."""
+    """Argument type of numbers with commas between them.
+
+    Parameters
+    ----------
+    count : int
+        How many there must be; 0 for one or more.
+    shape : str
+        The numbers in words, for the message.
+    unit : str
+        Their unit, for the message.
+
+    Returns
+    -------
+    callable
+        Gives a list of float.
+    """
 
     def parse(text):
         try:
@@ -59,63 +100,108 @@ def numbers(count: int, shape: str, unit: str) -> Callable:
         except ValueError:
             values = []
         if not values or (count and len(values) != count):
-            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
+            raise engine.InvalidInput(f"Expected {shape} in {unit}, got '{text}'")
         return values
 
     return argument(parse)
 
 
-def renamed(parser: argparse.ArgumentParser, old: str, new: str, **told) -> None:
-    """Take an option's old name for a version more, with a word."""
+def add_old_name(parser: argparse.ArgumentParser, old: str, new: str, **words) -> None:
+    """Accept an option's old name for one more version, with a note.
 
-    class Renamed(argparse.Action):
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    old, new : str
+        Names of the option.
+    words
+        Further arguments of `add_argument`.
+    """
+
+    class OldName(argparse.Action):
         def __call__(self, parser, args, value, option=None):
             print(
-                f"holopath: {old} is called {new} now; the old name goes with the next version.",
+                f"holopath: {old} is called {new} now. The next version will not accept the old name.",
                 file=sys.stderr,
             )
             setattr(args, self.dest, value)
 
     dest = new.removeprefix("--").replace("-", "_")
     parser.add_argument(
-        old, dest=dest, action=Renamed, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **told
+        old, dest=dest, action=OldName, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **words
     )
 
 
-def removed(parser: argparse.ArgumentParser, option: str, instead: str) -> None:
-    """Refuse an option that there was, with what is to be done instead of it."""
+def add_removed(parser: argparse.ArgumentParser, option: str, message: str) -> None:
+    """Refuse an option of earlier versions.
 
-    class Removed(argparse.Action):
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    option : str
+    message : str
+        What to do instead.
+    """
+
+    class RemovedOption(argparse.Action):
         def __call__(self, parser, args, value, option=None):
-            raise engine.InvalidInput(instead)
+            raise engine.InvalidInput(message)
 
-    parser.add_argument(option, nargs="?", action=Removed, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+    parser.add_argument(
+        option, nargs="?", action=RemovedOption, default=argparse.SUPPRESS, help=argparse.SUPPRESS
+    )
 
 
 def flag(name: str) -> str:
-    """A setting's word on the command line."""
+    """Option of a setting on the command line.
+
+    Parameters
+    ----------
+    name : str
+        Name of the setting.
+
+    Returns
+    -------
+    str
+    """
     return "--fix" if name == "fixed" else f"--{name.replace('_', '-')}"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add an option for each setting; those that take each other's place exclude each other."""
+    """Add an option for each setting; settings that replace each other are mutually exclusive.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    """
     instead = {declared.instead_of: name for name, declared in DECLARED.items() if declared.instead_of}
     groups = {}
     for name, other in instead.items():
         groups[name] = groups[other] = parser.add_mutually_exclusive_group()
     for name, declared in DECLARED.items():
-        told: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
+        words: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
         if declared.chosen:
-            told = {"choices": tuple(declared.chosen), "type": partial(current, name, tell=_say)}
+            words = {"choices": tuple(declared.chosen), "type": partial(current, name, tell=_say)}
         text = _meaning(declared, "{}")
         text += f". There are {', '.join(engine.FIXABLE)}" if name == "fixed" else ""
         groups.get(name, parser).add_argument(
-            flag(name), dest=name, help=f"{text} (default: the file's, {_default(name)})", **told
+            flag(name), dest=name, help=f"{text} (default: the file's, {_default(name)})", **words
         )
 
 
-def asked(args: argparse.Namespace, base: Settings) -> Settings:
-    """The settings that words ask for, over a scene's own; a display brings the frames that it shows."""
+def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
+    """Settings by the options, or else a scene's own; a display sets the number of frames.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    base : Settings
+        Settings of the scene.
+
+    Returns
+    -------
+    Settings
+    """
     given = {name: getattr(args, name) for name in DECLARED if getattr(args, name) is not None}
     if args.display is not None and not {"frames", "speckle"} & set(given):
         given["frames"] = args.display.frames
@@ -124,7 +210,13 @@ def asked(args: argparse.Namespace, base: Settings) -> Settings:
 
 
 def guide_table() -> str:
-    """The documentation's table of settings, Markdown."""
+    """Table of settings for the documentation.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
     rows = ["| setting | on the command line | meaning | start with |", "|---|---|---|---|"]
     for name, declared in DECLARED.items():
         value = "" if declared.chosen else f" {_value(name, declared)}".replace("|", "\\|")
@@ -135,66 +227,81 @@ def guide_table() -> str:
 
 
 def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None:
-    """Add the options of the bench around the SLM; `kept` says where the default is from, if it is not the flat one."""
+    """Add the options of the bench around the SLM.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    kept : str, optional
+        Origin of the defaults, for the help texts. Default: flat light, and a circular stop.
+    """
     parser.add_argument(
         "--beam",
         metavar=BEAM_WORDS,
-        help="light that falls on the SLM, for which phases make up: a tilt in degrees to the right and up; a point so "
-        "many millimeters before the SLM, or behind it if negative, from or to which it runs; the waist of a Gaussian "
-        "beam and its middle; or a file of complex numbers, amplitude=FILE or intensity=FILE, with ,phase=FILE or "
-        f"without (default: {kept or 'flat'})",
+        help="light that falls on the SLM, which the phases compensate: its tilt in degrees to the right and up; the "
+        "distance in millimeters of the point before the SLM that it comes from, negative if it converges to a point "
+        "behind it; waist and center of a Gaussian beam; or a file of complex numbers, amplitude=FILE or "
+        f"intensity=FILE, with ,phase=FILE or without (default: {kept or 'flat'})",
     )
     parser.add_argument(
         "--carrier",
         metavar="X,Y|auto",
-        help="where the middle of the picture's light lies in the Fourier plane, to the right and up of the zero order "
-        f"in units of the band's edge; auto: in the middle of the stop (default: {kept or '0,0'}; with --stop half "
-        "auto, with another --stop 0,0)",
+        help="center of the image's light in the Fourier plane, to the right and up of the zero order in units of the "
+        f"band's edge; auto: the center of the stop (default: {kept or '0,0'}; auto with --stop half, 0,0 with another "
+        "--stop)",
     )
     parser.add_argument(
         "--stop",
         metavar=STOP_WORDS,
-        help="what the relay lets through in its Fourier plane, for binary and amplitude devices, or to leave out the "
-        "zero order: a circle of radius R around the carrier, the half of the band in a direction, a rectangle around "
-        f"the carrier, or a picture of the plane (default: {kept or 'a circle, as large as it can be'})",
+        help="stop in the relay's Fourier plane, for binary and amplitude devices, or to block the zero order: a "
+        "circle of radius R around the carrier, half of the band in a direction, a rectangle around the carrier, or an "
+        f"image of the plane (default: {kept or 'the largest possible circle'})",
     )
     parser.add_argument(
         "--lens",
         metavar=LENS_WORDS,
         help="a lens behind the SLM: its focal length, its distance from the SLM (default: the focal length), and the "
-        "distance of the picture behind it (default: the focal length), all in millimeters; and the share that the "
-        "picture has of the width that light reaches there (default: 1, all of it). With --depth-mapping eyepiece "
-        "somebody looks through it, and no picture is behind it "
-        f"(default: {kept or 'none'})",
+        "distance of the image behind it (default: the focal length), all in millimeters; and the image's fraction of "
+        "the width that light reaches there (default: 1). With --depth-mapping eyepiece the viewer looks through the "
+        f"lens, and there is no image behind it (default: {kept or 'none'})",
     )
     parser.add_argument(
         "--color-scale",
         metavar="S[,S..]",
-        help="magnification of each wavelength's picture over what it should be, which is made up for "
+        help="magnification of each wavelength's image relative to the intended one, which the hologram compensates "
         f"(default: {kept or '1'})",
     )
     parser.add_argument(
         "--color-distance",
         metavar="MM[,MM..]",
-        help="how far each wavelength's picture lies too near to the viewer, millimeters, which is made up for "
-        f"(default: {kept or '0'})",
+        help="distance by which each wavelength's image lies too near to the viewer, millimeters, which the hologram "
+        f"compensates (default: {kept or '0'})",
     )
     parser.add_argument(
         "--color-shift",
         metavar="X,Y[,X,Y..]",
-        help="how far each wavelength's picture lies aside, millimeters to the right and up, which is made up for "
-        f"(default: {kept or '0'})",
+        help="lateral offset of each wavelength's image, millimeters to the right and up, which the hologram "
+        f"compensates (default: {kept or '0'})",
     )
     parser.add_argument(
         "--colors-from",
         metavar="FILE",
-        help="instead of these three, a calibration of each wavelength, by `holopath calibrate`: scale and shift in "
-        "terms of the wavelength in the middle, as its camera saw them, and distance as the fitted defocus has it",
+        help="the three color options from a calibration of each wavelength by `holopath calibrate`: scale and shift "
+        "relative to the middle wavelength, as measured by the camera, and distance by the fitted defocus",
     )
 
 
 def optics_of(args: argparse.Namespace) -> dict[str, Any]:
-    """What words say of the bench: changes of an `engine.Optics`.
+    """Fields of `engine.Optics` by the options of `add_optics`.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+
+    Returns
+    -------
+    dict
+        Values by name; only those that are given.
 
     Raises
     ------
@@ -214,31 +321,52 @@ def optics_of(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def with_colors(hologram: engine.Hologram, args: argparse.Namespace) -> engine.Hologram:
-    """A hologram whose colors lie where the calibration of `--colors-from` has them.
+    """Set the color errors of a hologram's optics by the calibration of `--colors-from`.
+
+    Parameters
+    ----------
+    hologram : engine.Hologram
+    args : argparse.Namespace
+
+    Returns
+    -------
+    engine.Hologram
 
     Raises
     ------
     engine.InvalidInput
-        If other words say it, too, or the calibration does not.
+        If other options set them, too, or the calibration lacks them.
     """
     if args.colors_from is None:
         return hologram
     if given := [flag(name) for name in COLORS if getattr(args, name) is not None]:
-        raise engine.InvalidInput(
-            f"--colors-from says where colors lie, and so does {given[0]}: leave out either."
-        )
+        raise engine.InvalidInput(f"Expected either --colors-from or {given[0]}, got both. Omit one of them.")
     return replace(hologram, optics=replace(hologram.optics, **colors_of(args.colors_from, hologram)))
 
 
 def on_bench(thing, args: argparse.Namespace):
-    """A `WaveField` or `PhaseHologram` on the bench that words say."""
+    """Change the bench of a field or of phases by the options of `add_optics`.
+
+    Parameters
+    ----------
+    thing : engine.WaveField or engine.PhaseHologram
+    args : argparse.Namespace
+
+    Returns
+    -------
+    engine.WaveField or engine.PhaseHologram
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
     changes, hologram = optics_of(args), with_colors(thing.hologram, args)
     thing = thing if hologram is thing.hologram else replace(thing, hologram=hologram)
     if not changes:
         return thing
     optics = replace(hologram.optics, **changes)
     ends: dict[str, Any] = {}
-    if optics.lens != hologram.optics.lens:  # which has a volume of its own
+    if optics.lens != hologram.optics.lens:  # its volume follows from the lens
         ends = {"depth_far": None, "depth_near": None}
     return replace(thing, hologram=replace(hologram, optics=optics, **ends))
 
@@ -262,14 +390,25 @@ def _type(name, declared):
         try:
             return declared.kind(text) * (1e-3 if declared.unit else 1)
         except ValueError:
-            what = "a distance in millimeters" if declared.unit else "a whole number"
-            raise engine.InvalidInput(f"'{text}' is neither auto nor {what}") from None
+            kind = "a distance in millimeters" if declared.unit else "a whole number"
+            raise engine.InvalidInput(f"Expected auto or {kind}, got '{text}'") from None
 
     return argument(parse) if default_of(name) == "auto" else declared.kind
 
 
 def listed(chosen: Mapping[str, Choice], form: str) -> str:
-    """What each choice does, but for other people's methods."""
+    """Effects of a setting's choices in one sentence, without the methods for comparison.
+
+    Parameters
+    ----------
+    chosen : mapping of str to Choice
+    form : str
+        Format of a choice's name.
+
+    Returns
+    -------
+    str
+    """
     return "; ".join(_choices(chosen, form))
 
 
@@ -285,7 +424,7 @@ def _meaning(declared, form):
 
 
 def _small(text):
-    """A sentence that goes on: its first word small, unless it is a name."""
+    """A sentence with a lower-case first word, unless that is an abbreviation."""
     return text if text[1:2].isupper() else text[:1].lower() + text[1:]
 
 

@@ -1,4 +1,4 @@
-"""The page of `holopath report`: pictures, maps and curves as HTML that loads nothing from elsewhere."""
+"""Page of `holopath report`: images, maps and curves as self-contained HTML."""
 
 import base64
 import csv
@@ -24,21 +24,59 @@ td[style]{color:#222}
 
 
 def named(depth):
-    """A distance in words."""
+    """Distance in words.
+
+    Parameters
+    ----------
+    depth : float
+        Meters.
+
+    Returns
+    -------
+    str
+    """
     return "infinity" if math.isinf(depth) else f"{depth:.3g} m"
 
 
 def picture(rgb, white, text):
-    """A picture of linear RGB with `text` below."""
+    """Figure of an image with a caption.
+
+    Parameters
+    ----------
+    rgb : numpy.ndarray, shape (y, x, 3)
+        Linear RGB.
+    white : float
+        Linear value shown as white.
+    text : str
+        Caption.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     data, text = base64.b64encode(output.encode_png(rgb, white)).decode(), html.escape(text)
-    shown = f'<img alt="{text}" src="data:image/png;base64,{data}">'
-    return f"<figure>{shown}<figcaption>{text}</figcaption></figure>"
+    image = f'<img alt="{text}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
 
 
 def value_map(values, form):
-    """A table whose cells are as dark as their values are low."""
-    known = values[np.isfinite(values)]
-    low, high = (known.min(), known.max()) if known.size else (0.0, 1.0)
+    """Table of values whose cells are the darker the lower the value is.
+
+    Parameters
+    ----------
+    values : numpy.ndarray, shape (row, column)
+        NaN for empty cells.
+    form : str
+        Format of a value.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    finite = values[np.isfinite(values)]
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     lines = []
     for row in values:
         cells = []
@@ -53,7 +91,18 @@ def value_map(values, form):
 
 
 def table(head, rows):
-    """A table with a line of names above, and one at the left of each row."""
+    """Table with a head, and a name at the left of each row.
+
+    Parameters
+    ----------
+    head : sequence of str
+    rows : sequence of sequence of str
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     lines = ["".join(f"<th>{html.escape(name)}</th>" for name in head)]
     lines += [
         f"<th>{html.escape(name)}</th>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
@@ -63,7 +112,19 @@ def table(head, rows):
 
 
 def focus_curves(depths, values):
-    """Lines over the distance, each of its own height: where its peak is counts."""
+    """Curves of sharpness over the focus distance, each scaled to the same height to compare their peaks.
+
+    Parameters
+    ----------
+    depths : sequence of float
+        Meters.
+    values : numpy.ndarray, shape (depth, patch)
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     width, height = 720, 200
     tops = np.maximum(values.max(0), 1e-30)
     x = np.linspace(0, width, len(depths))
@@ -72,7 +133,7 @@ def focus_curves(depths, values):
         points = " ".join(f"{a:.1f},{height * (1 - b):.1f}" for a, b in zip(x, curve, strict=True))
         color = f"hsl({360 * n / values.shape[1]:.0f} 65% 45%)"
         lines.append(f'<polyline fill="none" stroke="{color}" stroke-width="2" points="{points}"/>')
-        row, column = divmod(n, assessment.PATCHES)  # the key is a small picture
+        row, column = divmod(n, assessment.PATCHES)  # the key is a small map of the patches
         where = f'x="{18 * column}" y="{14 * row - 50}" width="16" height="12"'
         key.append(f'<rect {where} fill="{color}"/>')
     words = "".join(
@@ -80,15 +141,25 @@ def focus_curves(depths, values):
         for n, a, anchor in ((0, 0, "start"), (len(depths) // 2, width / 2, "middle"), (-1, width, "end"))
     )
     words += (
-        f'<text x="{width}" y="-40" font-size="12" text-anchor="end">sharpness, each of its own height</text>'
+        f'<text x="{width}" y="-40" font-size="12" text-anchor="end">sharpness relative to each peak</text>'
     )
     box = f'viewBox="-5 -55 {width + 10} {height + 80}"'
-    drawn = "".join([*key, *lines])
-    return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{drawn}{words}</svg></figure>'
+    shapes = "".join([*key, *lines])
+    return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{shapes}{words}</svg></figure>'
 
 
 def svg_sketch(hologram):
-    """The bench of a hologram as SVG, in the color of the text around it."""
+    """Sketch of a hologram's bench in the color of the surrounding text.
+
+    Parameters
+    ----------
+    hologram : engine.Hologram
+
+    Returns
+    -------
+    str
+        SVG.
+    """
     drawing = bench_sketch.drawing(hologram)
     shapes = [_shape(line) for line in drawing.lines]
     shapes += [
@@ -96,13 +167,13 @@ def svg_sketch(hologram):
         f'font-family="system-ui,sans-serif">{html.escape(text.text)}</text>'
         for text in drawing.texts
     ]
-    told = html.escape("; ".join(text.text for text in drawing.texts))
+    label = html.escape("; ".join(text.text for text in drawing.texts))
     box = f'viewBox="-2 0 {drawing.width + 4:.0f} {drawing.height:.0f}"'
-    return f'<svg role="img" aria-label="{told}" {box}>{"".join(shapes)}</svg>'
+    return f'<svg role="img" aria-label="{label}" {box}>{"".join(shapes)}</svg>'
 
 
 def _shape(line):
-    """A line of a sketch, or an area, which lets through what is behind it."""
+    """SVG of a line of a sketch, or of a transparent area."""
     color = "currentColor"
     if line.role != bench_sketch.INK:
         color = "rgb({})".format(",".join(f"{255 * part:.0f}" for part in bench_sketch.COLORS[line.role]))
@@ -114,19 +185,23 @@ def _shape(line):
 
 
 def write(page, folder, field, sections, rows):
-    """Write the page and its table, both or none.
+    """Write the page and its table, either both or none.
 
     Parameters
     ----------
     page : pathlib.Path
-        The table lies beside it, as .csv.
+        File of the page; the table is written beside it as .csv.
     folder : pathlib.Path
-        That it is of.
+        Output folder of the hologram.
     field : engine.WaveField
     sections : list of (str, str)
-        Title and HTML of each.
+        Title and HTML of each section.
     rows : list of (str, str, float)
-        Of the table: what, where, value.
+        Rows of the table: what, where, value.
+
+    Raises
+    ------
+    OSError
     """
     hologram = field.hologram
     facts = (
@@ -135,8 +210,8 @@ def write(page, folder, field, sections, rows):
     )
     body = "".join(f"<h2>{title}</h2>{text}" for title, text in sections)
     name = html.escape(folder.resolve().name)
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([("what", "where", "value"), *rows])
+    rows_file = io.StringIO()
+    csv.writer(rows_file, lineterminator="\n").writerows([("what", "where", "value"), *rows])
     text = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
@@ -144,7 +219,7 @@ def write(page, folder, field, sections, rows):
         f"<p><small>All figures: {html.escape(page.with_suffix('.csv').name)}</small></p></body></html>\n"
     )
     files = {
-        page.with_suffix(".csv").name: table.getvalue().encode(),
+        page.with_suffix(".csv").name: rows_file.getvalue().encode(),
         page.name: text.encode("ascii", "xmlcharrefreplace"),
     }
     output.write_pictures(page.parent, files)

@@ -1,7 +1,6 @@
-"""Where a scene comes from: a .blend, a Mitsuba .xml, a demo, a picture with depth, a point cloud, or views; also that
-of a stored field, opened again.
+"""Sources of scenes: a .blend, a Mitsuba .xml, a demo, an image with depth, a point cloud, or views.
 
-bpy is imported only where it is needed.
+Also opens the scene of a stored field again. bpy is imported only if it is needed.
 """
 
 import contextlib
@@ -29,14 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A scene ready to be rendered.
+    """A scene that can be rendered.
 
     Attributes
     ----------
     scene : mitsuba.Scene
     camera : engine.Camera
     notes : list of dict
-        What the exporter or the scene file's reader approximated or left out: object, feature, effect, material,
+        Approximations and omissions of the exporter or of the scene file's reader: object, feature, effect, material,
         see `export.Note`.
     """
 
@@ -46,22 +45,17 @@ class Loaded:
 
 
 class BlenderSource:
-    """The file that is open in bpy. Its HoloPath settings are the defaults.
-
-    Attributes
-    ----------
-    scene : bpy.types.Scene
-        The one in which the file was saved, or that was chosen.
-    """
+    """The file that is open in bpy, with its HoloPath settings as defaults."""
 
     def __init__(self):
         from ..export import ExportCache
 
-        self._cache = ExportCache()  # frames of an animation differ little
-        self._scene, self._layer = "", ""  # names, where they are chosen
+        self._cache = ExportCache()  # consecutive frames of an animation share most objects
+        self._scene, self._layer = "", ""  # names, if they are chosen
 
     @property
     def scene(self):
+        """The `bpy.types.Scene` that was chosen, or else the one in which the file was saved."""
         import bpy
 
         scene = bpy.data.scenes[self._scene] if self._scene else bpy.context.scene
@@ -69,16 +63,21 @@ class BlenderSource:
         return scene
 
     def choose(self, scene=None, view_layer=None):
-        """Choose another scene or view layer of the file, by its name.
+        """Choose another scene or view layer of the file.
+
+        Parameters
+        ----------
+        scene, view_layer : str, optional
+            Names. Default: the current scene, and its first view layer that is used for rendering.
 
         Raises
         ------
         engine.InvalidInput
-            If it has none of that name.
+            If the file has no such scene or view layer.
         """
         import bpy
 
-        for name, there, kind, flag in (
+        for name, choices, kind, flag in (
             (scene, bpy.data.scenes, "scene", "--scene-name"),
             (
                 view_layer,
@@ -87,13 +86,23 @@ class BlenderSource:
                 "--view-layer",
             ),
         ):
-            if name and name not in there:
-                others = ", ".join(f"'{each.name}'" for each in there)
-                raise engine.InvalidInput(f"There is no {kind} '{name}': choose one of {others} with {flag}.")
+            if name and name not in choices:
+                names = ", ".join(f"'{each.name}'" for each in choices)
+                raise engine.InvalidInput(f"There is no {kind} '{name}'. Choose one of {names} with {flag}.")
         self._scene, self._layer = scene or self._scene, view_layer or ""
 
     def hologram_from(self, camera=None):
-        """`engine.Hologram` of the settings in the current frame, whatever the camera."""
+        """Hologram by the scene's settings in the current frame.
+
+        Parameters
+        ----------
+        camera : str, optional
+            Has no effect.
+
+        Returns
+        -------
+        engine.Hologram
+        """
         from ..blender import properties
 
         return properties.hologram_of(properties.of(self.scene))
@@ -118,10 +127,10 @@ class BlenderSource:
 
     @property
     def files(self):
-        """Paths of the files that the scene is made of, whether they are there or not, `pathlib.Path` by names.
+        """Paths of the files that make up the scene, existing or not, `pathlib.Path` by name.
 
-        The names are the same on every machine: paths from the .blend's folder, or as the .blend has them from the
-        root. Packed files are the .blend's own.
+        The names are the same on every machine: paths relative to the .blend's folder, or absolute paths as in the
+        .blend. Packed files are part of the .blend.
         """
         import bpy
 
@@ -136,21 +145,42 @@ class BlenderSource:
         paths += [(Path(bpy.path.abspath(text)), text.startswith("//")) for text in bench if text]
         paths += [(blend, True), *((path, True) for path in _baked(blend))]
         sequences = _sequences()
-        found = {}
+        files = {}
         for path, relative in paths:
             for file in _files_at(path, path in sequences):
                 name = os.path.relpath(file, blend.parent) if relative else str(file)
-                found[name.replace(os.sep, "/")] = file
-        return found
+                files[name.replace(os.sep, "/")] = file
+        return files
 
     def go_to(self, frame):
-        """Make a frame the current one."""
-        # in a handler Blender would swallow an interrupt
+        """Set the current frame.
+
+        Parameters
+        ----------
+        frame : int
+        """
+        # Blender ignores an interrupt within a handler.
         with native_output_to_stderr(), uninterrupted():
             self.scene.frame_set(frame)
 
     def load(self, width, height, camera=None):
-        """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
+        """Export the current frame.
+
+        Parameters
+        ----------
+        width, height : int
+            Pixels of the image.
+        camera : str or engine.Camera, optional
+            Name of a camera object, or a camera. Default: the scene's.
+
+        Returns
+        -------
+        Loaded
+
+        Raises
+        ------
+        engine.InvalidInput, engine.BackendUnavailable
+        """
         import bpy
 
         from ..export import export_scene, show_as_rendered
@@ -163,29 +193,29 @@ class BlenderSource:
                 depsgraph = bpy.context.evaluated_depsgraph_get()
             exported = export_scene(depsgraph, (width, height), camera, self._cache)
         notes = [note.to_dict() for note in exported.notes]
-        return Loaded(exported.scene, exported.camera, notes + _scripts_left_out())
+        return Loaded(exported.scene, exported.camera, notes + _script_notes())
 
     def _view_layer(self):
-        """The view layer that was chosen, or the first one that renders use."""
+        """The view layer that was chosen, or the first one that is used for rendering."""
         layers = self.scene.view_layers
         if self._layer:
             return layers[self._layer]
         used = [layer for layer in layers if layer.use]
         if not used:
             raise engine.InvalidInput(
-                f"No view layer of the scene '{self.scene.name}' is used for rendering: turn on Use for Rendering of "
-                "one, or name one with --view-layer."
+                f"No view layer of the scene '{self.scene.name}' is used for rendering. Turn on Use for Rendering of "
+                "one, or choose one with --view-layer."
             )
         return used[0]
 
 
-def _scripts_left_out():
-    """A note where the file has Python that was not run."""
+def _script_notes():
+    """Note on Python of the file that was not run."""
     import bpy
 
     if not bpy.app.autoexec_fail:
         return []
-    effect = "not run, so what it moves stands still: add --run-scripts, if you trust the file"
+    effect = "not run, so what it would move stands still: add --run-scripts if you trust the file"
     return [
         {
             "object": bpy.app.autoexec_fail_message or "file",
@@ -197,7 +227,7 @@ def _scripts_left_out():
 
 
 def _baked(blend):
-    """Folders of baked simulations, which `bpy.utils.blend_paths` leaves out: Blender's own, and those of nodes."""
+    """Folders of baked simulations, which `bpy.utils.blend_paths` omits: Blender's own, and those of nodes."""
     import bpy
 
     default = blend.with_name(f"blendcache_{blend.stem}")
@@ -210,7 +240,7 @@ def _baked(blend):
 
 
 def _sequences():
-    """Paths that stand for a numbered file of each frame."""
+    """Paths that represent one numbered file per frame."""
     import bpy
 
     things = [
@@ -226,7 +256,7 @@ def _sequences():
 
 
 def _files_at(path, sequence):
-    """The files that a path of a .blend stands for."""
+    """Files that a path of a .blend represents."""
     if path.is_dir():
         return [file for file in path.rglob("*") if file.is_file()]
     pattern = glob.escape(path.name)
@@ -237,7 +267,7 @@ def _files_at(path, sequence):
 
 
 class MitsubaSource:
-    """A Mitsuba scene file; the viewer stands at its first sensor, or at the one that is named.
+    """A Mitsuba scene file, seen from its first sensor or from a chosen one.
 
     Parameters
     ----------
@@ -245,7 +275,7 @@ class MitsubaSource:
     define : dict of str to str, optional
         Values of the file's `$parameters`.
     strict : bool
-        Whether values of parameters that it does not have are refused.
+        Whether to refuse values of parameters that the file lacks.
     """
 
     frame = None
@@ -255,19 +285,33 @@ class MitsubaSource:
         self._file = None
 
     def hologram_from(self, camera=None):
-        """`engine.Hologram` as large as the picture that Mitsuba renders; `camera` is a sensor's id."""
+        """Hologram with the size of the image that Mitsuba renders.
+
+        Parameters
+        ----------
+        camera : str, optional
+            Id of a sensor. Default: the first one.
+
+        Returns
+        -------
+        engine.Hologram
+
+        Raises
+        ------
+        engine.InvalidInput
+        """
         width, height = self._read().film(camera).size
         return engine.Hologram(width, height, 8e-6)
 
     @property
     def settings(self):
-        """`engine.Settings`, with paths as long as the integrator's."""
+        """`engine.Settings` with the integrator's maximum path depth."""
         return engine.Settings(max_depth=self._read().max_depth)
 
     @property
     def files(self):
-        """Paths of the files that the scene is made of by their names from its folder: whatever its text names."""
-        found, texts = {self.path.name: self.path}, [self.path]
+        """Paths of the files that the scene's text names, by their names relative to its folder."""
+        files, texts = {self.path.name: self.path}, [self.path]
         values = dict(self.define)
         while texts:
             text = texts.pop().read_text("utf-8", "replace")
@@ -277,19 +321,45 @@ class MitsubaSource:
                 text = text.replace(f"${name}", values[name])
             for name in re.findall(r"""["']([^"'<>|]+)["']""", text):
                 file = self.path.parent / name
-                if name not in found and file.is_file():
-                    found[name] = file
+                if name not in files and file.is_file():
+                    files[name] = file
                     texts += [file] if file.suffix.lower() == ".xml" else []
-        return found
+        return files
 
-    def size_from(self, camera=None):
-        """Where the size of `hologram_from` is from, as words."""
+    def size_origin(self, camera=None):
+        """Origin of the size of `hologram_from`, in words.
+
+        Parameters
+        ----------
+        camera : str, optional
+            See `hologram_from`.
+
+        Returns
+        -------
+        str
+        """
         film = self._read().film(camera)
-        what = "crop window of the film" if film.is_cropped else "film" if film.has_size else "default film"
-        return f"the {what} in {self.path.name}" if film.has_size else f"Mitsuba's {what}"
+        name = "crop window of the film" if film.is_cropped else "film" if film.has_size else "default film"
+        return f"the {name} in {self.path.name}" if film.has_size else f"Mitsuba's {name}"
 
     def load(self, width, height, camera=None):
-        """Build the scene for `width` x `height` pixels; `camera` is a sensor's id."""
+        """Build the scene.
+
+        Parameters
+        ----------
+        width, height : int
+            Pixels of the image.
+        camera : str, optional
+            See `hologram_from`.
+
+        Returns
+        -------
+        Loaded
+
+        Raises
+        ------
+        engine.InvalidInput, engine.BackendUnavailable
+        """
         built = self._read().build((width, height), camera)
         return Loaded(built.scene, built.camera, built.notes)
 
@@ -302,12 +372,17 @@ class MitsubaSource:
 
 
 class CaptureSource:
-    """A picture with depth, a point cloud, or views.
+    """An image with depth, a point cloud, or views.
 
     Parameters
     ----------
     path : Path
     options : CaptureOptions
+
+    Raises
+    ------
+    engine.InvalidInput
+        If the options do not fit the file.
     """
 
     frame = None
@@ -315,26 +390,62 @@ class CaptureSource:
     def __init__(self, path, options):
         self._file = captures.open_capture(path, options)
         self.path, self.files = path, self._file.files
-        settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
+        settings = engine.Settings(max_depth=1)  # it emits light, and reflects none
         views = isinstance(self._file, captures.ViewFile)
         self.settings = replace(settings, method=VIEW_METHODS[0]) if views else settings
 
     def hologram_from(self, camera=None):
-        """`engine.Hologram` as large as the picture, or a view; of points, of the usual size."""
+        """Hologram with the size of the image or of a view, or of the default size for points.
+
+        Parameters
+        ----------
+        camera : str, optional
+            Has no effect.
+
+        Returns
+        -------
+        engine.Hologram
+        """
         return engine.Hologram(*self._file.size, 8e-6)
 
-    def size_from(self, camera=None):
-        """Where the size of `hologram_from` is from, as words."""
+    def size_origin(self, camera=None):
+        """Origin of the size of `hologram_from`, in words.
+
+        Parameters
+        ----------
+        camera : str, optional
+            Has no effect.
+
+        Returns
+        -------
+        str
+        """
         return self._file.size_from
 
     def load(self, width, height, camera=None):
-        """Build the scene for `width` x `height` pixels; `camera` is where points are seen from."""
+        """Build the scene.
+
+        Parameters
+        ----------
+        width, height : int
+            Pixels of the image.
+        camera : str, optional
+            Viewpoint of points.
+
+        Returns
+        -------
+        Loaded
+
+        Raises
+        ------
+        engine.InvalidInput, engine.BackendUnavailable
+        """
         built = self._file.build((width, height), camera)
         return Loaded(built.scene, built.camera, built.notes)
 
 
-def asked(args):
-    """Open the scene that words ask for.
+def open_requested(args):
+    """Open the requested scene.
 
     Parameters
     ----------
@@ -348,12 +459,12 @@ def asked(args):
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable
-        As of `open_source`.
+        See `open_source`.
     """
-    names, blend = (args.scene_name, args.view_layer), of_blender(args.scene)
-    if not blend and (any(names) or args.run_scripts):
+    names = args.scene_name, args.view_layer
+    if not is_blender_scene(args.scene) and (any(names) or args.run_scripts):
         raise engine.InvalidInput(
-            f"{args.scene} is no file of Blender's: leave out --scene-name, --view-layer and --run-scripts."
+            f"Expected a .blend, got {args.scene}. Omit --scene-name, --view-layer and --run-scripts."
         )
     source = open_source(args.scene, args.run_scripts, dict(args.define or ()), options=capture_options(args))
     if isinstance(source, BlenderSource):
@@ -361,13 +472,32 @@ def asked(args):
     return source
 
 
-def of_blender(text):
-    """Whether it is a scene of Blender's, by its name."""
+def is_blender_scene(text):
+    """Whether a name is that of a Blender scene.
+
+    Parameters
+    ----------
+    text : str
+        See `open_source`.
+
+    Returns
+    -------
+    bool
+    """
     return text.startswith("demo:") or Path(text).suffix.lower() not in (".xml", *captures.SUFFIXES)
 
 
 def capture_options(args):
-    """The `CaptureOptions` that words ask for."""
+    """Options of an image, a .ply or views.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+
+    Returns
+    -------
+    CaptureOptions
+    """
     return CaptureOptions(
         args.depth,
         args.depth_unit,
@@ -383,20 +513,20 @@ def capture_options(args):
 
 
 def open_source(text, run_scripts=False, define=None, strict=True, options=None):
-    """Open what the command line calls SCENE.
+    """Open a scene by the name that the command line calls SCENE.
 
     Parameters
     ----------
     text : str
-        Path of a .blend, a Mitsuba .xml, a picture, a .ply, an .npy or .npz of views, or ``demo:NAME``.
+        Path of a .blend, a Mitsuba .xml, an image, a .ply, an .npy or .npz of views, or ``demo:NAME``.
     run_scripts : bool
         Whether a .blend may run its Python.
     define : dict of str to str, optional
         Values of a Mitsuba file's `$parameters`.
     strict : bool
-        Whether values of parameters that it does not have are refused.
+        Whether to refuse values of parameters that the file lacks.
     options : CaptureOptions, optional
-        Of a picture, a .ply or views.
+        Options of an image, a .ply or views.
 
     Returns
     -------
@@ -405,20 +535,20 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     Raises
     ------
     engine.InvalidInput
-        If there is no such scene or it cannot be opened.
+        If there is no such scene, or it cannot be opened.
     engine.BackendUnavailable
-        If it needs bpy and there is none.
+        If it needs bpy, which is missing.
     """
     check(text)
     if define and not text.lower().endswith(".xml"):
-        raise engine.InvalidInput(f"{text} has no parameters to define: leave out --define.")
+        raise engine.InvalidInput(f"{text} has no parameters to define. Omit --define.")
     options, path = options or CaptureOptions(), Path(text)
     if not text.startswith("demo:") and path.suffix.lower() in captures.SUFFIXES:
         return CaptureSource(path, options)
     if options.names:
         flag = options.names[0].replace("_", "-")
         raise engine.InvalidInput(
-            f"{text} is neither a picture nor a .ply, nor an .npy or .npz of views: leave out --{flag}."
+            f"Expected an image, a .ply, or an .npy or .npz of views for --{flag}, got {text}. Omit it."
         )
     if text.startswith("demo:"):
         _bpy("A demo scene")
@@ -438,39 +568,45 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
 
 
 def check(text):
-    """Refuse what is no scene's name, or of no scene; nothing is opened.
+    """Check that a scene exists, without opening it.
+
+    Parameters
+    ----------
+    text : str
+        See `open_source`.
 
     Raises
     ------
     engine.InvalidInput
+        If there is no such file or demo, or it is not a scene by its suffix.
     """
     if text.startswith("demo:"):
         name = text.removeprefix("demo:")
         if name not in demo.DEMOS:
-            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+            raise engine.InvalidInput(f"There is no demo '{name}'. Choose one of {', '.join(demo.DEMOS)}.")
         return
     path = Path(text)
     if not path.is_file():
         raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply, an .npy or .npz of "
+            f"The scene {text} does not exist. Give a .blend, a Mitsuba .xml, an image, a .ply, an .npy or .npz of "
             "views, or demo:NAME."
         )
     if path.suffix.lower() not in (".blend", ".xml", *captures.SUFFIXES):
         raise engine.InvalidInput(
-            f"The scene {text} is neither a .blend nor a Mitsuba .xml, nor a picture "
-            f"({', '.join(captures.PICTURES)}), a .ply or an .npy or .npz of views."
+            f"Expected a .blend, a Mitsuba .xml, an image ({', '.join(captures.PICTURES)}), a .ply, or an .npy or .npz "
+            f"of views, got the scene {text}."
         )
 
 
-def _bpy(what):
-    """The bpy module, with HoloPath's scene settings registered."""
+def _bpy(kind):
+    """Import bpy, with HoloPath's scene settings registered."""
     try:
         with uninterrupted():
             import bpy
     except ImportError as error:
         raise engine.BackendUnavailable(
-            f"{what} needs Blender, and this Python has no bpy ({error}): install it with `pip install bpy`, "
-            "or run the same words in `blender --command holopath`."
+            f"{kind} needs Blender, and this Python has no bpy ({error}). Run `pip install bpy`, or give the same "
+            "options to `blender --command holopath`."
         ) from error
     if not hasattr(bpy.types.Scene, "holopath"):
         from ..blender import properties
@@ -481,7 +617,7 @@ def _bpy(what):
 
 @contextlib.contextmanager
 def native_output_to_stderr():
-    """While Blender loads a file, what its C code prints goes to standard error, not into our output."""
+    """Redirect the standard output of Blender's C code to standard error within the block."""
     sys.stdout.flush()
     saved = os.dup(1)
     try:
@@ -495,17 +631,17 @@ def native_output_to_stderr():
 
 @dataclass(frozen=True)
 class Reopened:
-    """A scene, and how it was rendered.
+    """The scene of a stored field.
 
     Attributes
     ----------
     name : str
-        By which it was opened.
+        Name by which it was opened.
     scene : mitsuba.Scene
     settings : engine.Settings or None
-        Of the field; None if its folder does not know them.
+        Settings of the field; None if its report lacks them.
     same : bool
-        Whether it is what the field was rendered of.
+        Whether the scene is unchanged since the render.
     """
 
     name: str
@@ -514,8 +650,19 @@ class Reopened:
     same: bool
 
 
-def named(report):
-    """The scene of an output folder's report as it can be opened from here; None if it names none."""
+def scene_name(report):
+    """Name of a report's scene that can be opened from the current folder.
+
+    Parameters
+    ----------
+    report : dict
+        See `output.read_report`.
+
+    Returns
+    -------
+    str or None
+        None if the report names no scene.
+    """
     name, path = report.get("scene"), report.get("scene_path")
     return path if path and name and not Path(name).exists() and Path(path).exists() else name
 
@@ -528,37 +675,41 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
     folder : path
         Output folder.
     field : engine.WaveField
-        That it stores.
+        Its field.
     name : str, optional
-        Default: what its report says.
+        Name of the scene. Default: that in the folder's report.
     at_frame : int, optional
-        Frame of a Blender scene. Default: that of the field.
+        Frame of a Blender scene. Default: the field's.
     run_scripts : bool
         Whether a .blend may run its Python.
     define : dict of str to str, optional
-        Values of a Mitsuba file's `$parameters`. Default: those of the field, where the file has them.
+        Values of a Mitsuba file's `$parameters`. Default: the field's, if the file has these parameters.
+
+    Returns
+    -------
+    Reopened
 
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable
-        If there is none, or it cannot be opened.
+        If there is no scene, or it cannot be opened.
     """
     report = output.read_report(folder)
-    opened = report.get("opened") or {}  # versions before 0.3 do not tell
-    name = name or named(report)
+    opened = report.get("opened") or {}  # missing in reports of versions before 0.3
+    name = name or scene_name(report)
     if not name:
-        raise engine.InvalidInput(f"{folder} does not say which scene it is of: name it with --scene.")
+        raise engine.InvalidInput(f"The report in {folder} does not name a scene. Give it with --scene.")
     settings = _settings(folder, report)
     if define:
         source = open_source(name, run_scripts, define)
-    elif not of_blender(name) and not name.lower().endswith(".xml"):
+    elif not is_blender_scene(name) and not name.lower().endswith(".xml"):
         options = CaptureOptions.from_dict(opened.get("capture") or {})
         source = open_source(name, options=captures.with_depth_beside(options, Path(name)))
     else:
-        kept = opened.get("define") if name.lower().endswith(".xml") else None
-        source = open_source(name, run_scripts, kept, strict=False)
+        stored = opened.get("define") if name.lower().endswith(".xml") else None
+        source = open_source(name, run_scripts, stored, strict=False)
     if isinstance(source, BlenderSource):
-        with contextlib.suppress(engine.InvalidInput):  # another file than the field's has others
+        with contextlib.suppress(engine.InvalidInput):  # another file may have other names
             source.choose(opened.get("scene"), opened.get("view_layer"))
         if at_frame is None:
             at_frame = opened.get("frame")
@@ -566,7 +717,7 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
     variants.activate()
     from ..engine.scene.fingerprint import scene_digest
 
-    def loaded(camera):
+    def load(camera):
         with native_output_to_stderr():
             picture = field.hologram.picture
             return source.load(picture.width, picture.height, camera).scene
@@ -575,22 +726,36 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
         return scene_digest(scene) == report.get("scene_digest")
 
     try:
-        scene = loaded(opened.get("camera"))  # what is exported depends on the camera a little
+        scene = load(opened.get("camera"))  # the export depends on the camera a little
     except engine.InvalidInput:
         if not opened.get("camera"):
             raise
-        scene = loaded(None)  # another scene than the field's may have another camera
+        scene = load(None)  # another scene may have other cameras
     if not same(scene) and isinstance(source, BlenderSource):
-        scene = loaded(field.camera)
+        scene = load(field.camera)
     return Reopened(name, scene, settings, same(scene))
 
 
 def to_frame(frame, name, source):
-    """Make a frame the current one; None: as it is."""
+    """Set the current frame of a Blender scene.
+
+    Parameters
+    ----------
+    frame : int or None
+        None to leave it.
+    name : str
+        Name of the scene, for the message.
+    source : BlenderSource, MitsubaSource or CaptureSource
+
+    Raises
+    ------
+    engine.InvalidInput
+        If the scene is not Blender's.
+    """
     if frame is None:
         return
     if not isinstance(source, BlenderSource):
-        raise engine.InvalidInput(f"{name} has no frames: leave out --at-frame.")
+        raise engine.InvalidInput(f"{name} has no frames. Omit --at-frame.")
     source.go_to(frame)
 
 
@@ -601,5 +766,5 @@ def _settings(folder, report):
         return engine.Settings(**report["settings"])
     except TypeError:
         raise engine.InvalidInput(
-            f"{folder} was rendered with settings that this version does not know: render it again."
+            f"{folder} was rendered with settings that this version does not know. Render it again."
         ) from None

@@ -1,4 +1,4 @@
-"""`holopath study`: every run that a TOML file asks for, and the table of what came of them."""
+"""Command `holopath study`: all runs of a TOML file, and their table."""
 
 import argparse
 import hashlib
@@ -22,55 +22,61 @@ from .console import Progress
 
 
 def add(command, store):
-    """Add the command; parameters as of `render_command.add`."""
-    study = command("study", _study, "Render all that a TOML file asks for, and write a table of figures.")
+    """Add the command.
+
+    Parameters
+    ----------
+    command, store
+        See `render_command.add`.
+    """
+    study = command("study", _study, "Render all runs of a TOML file, and write a table of figures.")
     study.add_argument("study", metavar="STUDY.toml", help="scenes, seeds, views and settings: docs/study.md")
     study.add_argument(
         "--out",
         metavar="DIR",
-        help="runs and table.csv; runs that are there, made of the same scene, are skipped (default: a folder beside "
-        "STUDY.toml, of its name)",
+        help="output folder of runs and table.csv; existing runs of the same scene are skipped (default: a folder "
+        "beside STUDY.toml, with its name)",
     )
-    study.add_argument("--list", action="store_true", help="say which runs are asked for; make nothing")
+    study.add_argument("--list", action="store_true", help="list the runs without rendering them")
     add_option(study, "runs")
-    study.set_defaults(work=_joined)
+    study.set_defaults(work=_join)
     render_command.add_cache(study, store)
 
 
-class _Words(argparse.ArgumentParser):
-    """The words of a run; what is wrong with them is bad input."""
+class _RunParser(argparse.ArgumentParser):
+    """Parser of a run's options, whose errors are `engine.InvalidInput`."""
 
     def error(self, message):
         raise engine.InvalidInput(message)
 
 
 class _Scenes:
-    """The scene that is open, for runs of one scene follow one another."""
+    """The open scene, which consecutive runs share."""
 
     def __init__(self):
         self._source: Any = None
         self._name: tuple = ()
-        self._moved = False
+        self._is_moved = False
 
     def open(self, args):
-        """The source of a run: of Blender's in the frame that the file has, where none is to be gone to."""
+        """Open the source of a run; without `at_frame` a Blender scene is in its file's frame."""
         name = args.scene, args.scene_name, args.view_layer, args.run_scripts, args.define
-        if name != self._name or (self._moved and args.at_frame is None):
-            self._name, self._source = (), None  # before another takes its memory
-            self._source, self._name, self._moved = sources.asked(args), name, False
-        self._moved |= args.at_frame is not None
+        if name != self._name or (self._is_moved and args.at_frame is None):
+            self._name, self._source = (), None  # frees its memory before another scene is opened
+            self._source, self._name, self._is_moved = sources.open_requested(args), name, False
+        self._is_moved |= args.at_frame is not None
         return self._source
 
 
 def units_of(args, say) -> Work:
-    """The work that words ask for, a unit a run.
+    """Work on a study, one unit per run.
 
     Parameters
     ----------
     args : argparse.Namespace
         See `cli.parse`.
     say : callable
-        ``say(text)`` of what was there, and of what failed: that is noted, and ends the unit, too.
+        ``say(text)`` receives remarks on runs that were there, and on failed ones, which are noted and count as done.
 
     Returns
     -------
@@ -79,47 +85,58 @@ def units_of(args, say) -> Work:
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable
-        Before anything is rendered, if a run is asked for what there is not.
+        Before the first render, if a run is not possible.
     """
-    return _work(*_asked(args), say)
+    study, out, runs = _read(args)
+    return _work(study, out, runs, say)
 
 
-def _joined(args, say):
-    """The work of one who joins in: `units_of`, of the job that the others work on."""
+def _join(args, say):
+    """Work of a process that joins the others' job, see `units_of`."""
     work = units_of(args, say)
     with work.job.join(work.folder):
         return work
 
 
-def _asked(args):
-    """The `Study`, its output folder, and the words of each run by its folder: all may be rendered."""
+def _read(args):
+    """Read the `Study`, its output folder, and the checked options of each run by its folder."""
     study = studies.read(args.study)
     out = Path(args.out) if args.out else study.path.with_suffix("")
     studies.check_free(out)
-    words = _Words(prog="holopath render", add_help=False, allow_abbrev=False)
-    render_command.add(lambda name, run, text: words, args.store)
+    parser = _RunParser(prog="holopath render", add_help=False, allow_abbrev=False)
+    render_command.add(lambda name, run, text: parser, args.store)
     runs = {}
     for run in study.runs:
         folder = run.folder(out)
         try:
             if Path(run.scene).suffix.lower() in SUFFIXES:
                 raise engine.InvalidInput(
-                    f"{run.scene} is a picture, a point cloud or views, which studies do not take: render it by itself."
+                    f"Expected a .blend, an .xml or a demo, got {run.scene}. Render it by `holopath render`."
                 )
             sources.check(study.scene(run))
-            asked = words.parse_args([*words_of(study, run), f"--out={folder}"])
-            options.asked(asked, engine.Settings())
-            render_command.hologram_of(asked, engine.Hologram(512, 512, 8e-6))
-            render_command.pupil_of(asked)
+            run_args = parser.parse_args([*words_of(study, run), f"--out={folder}"])
+            options.settings_of(run_args, engine.Settings())
+            render_command.hologram_of(run_args, engine.Hologram(512, 512, 8e-6))
+            render_command.pupil_of(run_args)
         except engine.InvalidInput as error:
             raise engine.InvalidInput(f"{study.path}: {error}") from None
-        asked.store = args.store
-        runs[folder] = asked
+        run_args.store = args.store
+        runs[folder] = run_args
     return study, out, runs
 
 
 def words_of(study, run):
-    """The words of `holopath render` that a run stands for, but for ``--out``."""
+    """Arguments of `holopath render` for a run, without ``--out``.
+
+    Parameters
+    ----------
+    study : farm.study.Study
+    run : farm.study.Run
+
+    Returns
+    -------
+    list of str
+    """
     words = [study.scene(run)]
     for name, value in run.options.items():
         flag = options.flag(name)
@@ -133,33 +150,34 @@ def words_of(study, run):
 def _work(study, out, runs, say):
     scenes = _Scenes()
     work = Work(out / "runs", _job(study, list(runs.values()), scenes), {}, [])
-    for number, (folder, asked) in enumerate(runs.items(), 1):
-        work.units[folder.name] = _unit(out, folder, asked, scenes, work, f"Run {number} of {len(runs)}", say)
+    for number, (folder, args) in enumerate(runs.items(), 1):
+        work.units[folder.name] = _unit(out, folder, args, scenes, work, f"Run {number} of {len(runs)}", say)
     return work
 
 
-def _job(study, asked, scenes):
-    """What decides the results: with other runs, or a scene saved anew, it is another study."""
+def _job(study, run_args, scenes):
+    """The job: every input that affects the results, such as the runs and the scenes' files."""
     files: dict = {}
-    decides: dict = {"runs": sorted(run.digest for run in study.runs)}
-    for run, args in zip(study.runs, asked, strict=True):
-        if run.scene in decides:
+    inputs: dict = {"runs": sorted(run.digest for run in study.runs)}
+    for run, args in zip(study.runs, run_args, strict=True):
+        if run.scene in inputs:
             continue
-        found = scenes.open(argparse.Namespace(**{**vars(args), "at_frame": None})).files
-        told = {f"{run.scene}: {name}": digest for name, digest in digests(found).items()}
-        decides[run.scene] = told.pop(f"{run.scene}: {Path(run.scene).name}", "")
-        files |= told
-    whole = hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+        source = scenes.open(argparse.Namespace(**{**vars(args), "at_frame": None}))
+        entries = {f"{run.scene}: {name}": digest for name, digest in digests(source.files).items()}
+        inputs[run.scene] = entries.pop(f"{run.scene}: {Path(run.scene).name}", "")
+        files |= entries
+    digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     name = study.path.name
-    return SharedJob(name, {}, {name: whole, **files}, render_command.versions())
+    return SharedJob(name, {}, {name: digest, **files}, render_command.versions())
 
 
-def _unit(out, folder, args, scenes, work, called, say):
+def _unit(out, folder, args, scenes, work, title, say):
+    """Unit of a run, with a title for its progress."""
     job = work.job.digest
 
-    def make(told):
+    def make(unit_progress):
         def progress(done, message):
-            told(min(done, 0.999), f"{called}: {message}")
+            unit_progress(min(done, 0.999), f"{title}: {message}")
 
         try:
             start = time.perf_counter()
@@ -167,12 +185,12 @@ def _unit(out, folder, args, scenes, work, called, say):
             source = scenes.open(args)
             progress(0.03, "Exporting the scene")
             request = render_command.request_of(args, source, job)
-            spent = time.perf_counter() - start
+            seconds = time.perf_counter() - start
             result, _ = stills.update(
                 folder,
                 request,
                 Stages(progress, "still")["still"],
-                spent,
+                seconds,
                 lambda text: say(f"{folder.name}: {text}"),
             )
         except Exception as error:
@@ -185,20 +203,20 @@ def _unit(out, folder, args, scenes, work, called, say):
             if result is not None:
                 work.made.append(folder.name)
 
-    def done():
-        return studies.failure(out, folder.name) is not None or stills.made(folder, job, args.encode)
+    def is_done():
+        return studies.failure(out, folder.name) is not None or stills.is_complete(folder, job, args.encode)
 
-    return Unit(folder.name, make, done)
+    return Unit(folder.name, make, is_done)
 
 
 def _study(args):
     progress = Progress(quiet=args.quiet)
-    study, out, runs = _asked(args)
+    study, out, runs = _read(args)
     if args.list:
         for run in study.runs:
             folder = run.folder(out)
-            there = " (there)" if folder.is_dir() else ""
-            print(f"{folder.name}{there}: holopath render {' '.join(words_of(study, run))}")
+            exists = " (there)" if folder.is_dir() else ""
+            print(f"{folder.name}{exists}: holopath render {' '.join(words_of(study, run))}")
         return
     progress(0.0, "Opening the scenes")
     work = _work(study, out, runs, progress.say)
@@ -212,14 +230,12 @@ def _study(args):
             raise
         studies.write_table(study, out)
         raise engine.Cancelled(
-            f"Cancelled: the runs that are done are in {out}, and the same command goes on after them."
+            f"Canceled: finished runs are in {out}. The same command continues after them."
         ) from error
     progress(0.999, "Writing the table")
     if not studies.write_table(study, out):
-        progress.say("note: table.h5 is left out, as it needs h5py: `pip install h5py`.")
+        progress.say("note: table.h5 is not written, because it needs h5py: `pip install h5py`.")
     count, failed = len(work.units), sum(studies.failure(out, name) is not None for name in work.units)
     if failed:
-        raise FarmFailed(
-            f"{failed} of {count} runs failed: the column error of {out / 'table.csv'} says why."
-        )
+        raise FarmFailed(f"{failed} of {count} runs failed. See the column error in {out / 'table.csv'}.")
     progress(1.0, f"Done: {count} run{'' if count == 1 else 's'}: {out / 'table.csv'}")

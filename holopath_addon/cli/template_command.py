@@ -1,4 +1,4 @@
-"""`holopath template`: the files with which Flamenco and SLURM render."""
+"""Command `holopath template`: job files for Flamenco and SLURM."""
 
 from pathlib import Path
 
@@ -10,14 +10,20 @@ _FOLDER = Path(__file__).parents[1] / "farm" / "templates"
 
 
 def add(command):
-    """Add the command; `command(name, run, text)` makes its parser."""
-    template = command("template", _template, "Print a render farm's job file: docs/farm.md tells its use.")
+    """Add the command.
+
+    Parameters
+    ----------
+    command : callable
+        See `render_command.add`.
+    """
+    template = command("template", _template, "Print a render farm's job file, see docs/farm.md.")
     template.add_argument(
         "farm",
         choices=tuple(FILES),
         help="flamenco: a job type for the manager's folder scripts; slurm: a job array for sbatch",
     )
-    template.add_argument("--out", metavar="FILE", help="write it there (default: standard output)")
+    template.add_argument("--out", metavar="FILE", help="file to write (default: standard output)")
 
 
 def _template(args):
@@ -27,5 +33,5 @@ def _template(args):
         return
     target = Path(args.out).absolute()
     if target.exists():
-        raise engine.InvalidInput(f"{args.out} exists already: choose another name.")
+        raise engine.InvalidInput(f"{args.out} exists already. Choose another name.")
     output.write_pictures(target.parent, {target.name: data})

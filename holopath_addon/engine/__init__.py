@@ -15,7 +15,7 @@ from .planning.fixable import FIXABLE, parse_fixed
 from .planning.phases import EncodingPlan, axis_decision, frames_along, plan_encoding
 from .planning.planner import plan
 from .rendering import render
-from .rendering.many import many_frames
+from .rendering.extra_frames import many_frames
 from .scene import variants
 from .scene.captured.picture import picture_scene
 from .scene.captured.points import point_scene

@@ -1,4 +1,4 @@
-"""The viewer's camera: where hologram space is anchored in the world."""
+"""Camera of the viewer, which anchors hologram space in the world."""
 
 from __future__ import annotations
 
@@ -16,30 +16,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole at the centre of the viewer's pupil.
+    """Pinhole camera at the center of the viewer's pupil.
 
     Parameters
     ----------
     to_world : array_like, shape (4, 4)
-        Rigid transform from camera to world space, metres. The camera looks along its own -z, y is up
+        Rigid transform from camera to world space, meters. The camera looks along its own -z, y is up
         (Blender's convention). A reflection is allowed: the view is then mirrored.
     fov_x : float
         Full horizontal field of view, radians, in (0, pi).
     shift_x, shift_y : float
         Offset of the principal point in fractions of the image *width*: positive values move the
         view to the right and up (Blender's lens shift).
-    clip_start : float
-        Surfaces nearer than this depth are not seen, metres.
-    clip_end : float
-        Nor farther ones.
+    clip_start, clip_end : float
+        Range of visible depths, meters.
     sees_sky : bool
-        Whether the environment is seen where there is no surface, or only clear ones that do not refract; it lights
-        the scene either way, and is seen in mirrors and through glass.
+        Whether the environment is visible where there is no surface, or only clear ones that do not refract. It lights
+        the scene either way, and is visible in mirrors and through glass.
 
     Raises
     ------
     InvalidInput
         If the transform is not rigid or the angle is out of range.
+
+    Examples
+    --------
+    >>> import math
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> to_world = np.eye(4)
+    >>> to_world[:3, 3] = 0.0, 0.1, 0.6  # 10 cm up, 60 cm before the origin, looking along -z
+    >>> camera = engine.Camera(to_world, math.radians(30))
+    >>> camera.position
+    array([0. , 0.1, 0.6])
     """
 
     to_world: np.ndarray = field(repr=False)
@@ -53,37 +62,37 @@ class Camera:
     def __post_init__(self):
         matrix = np.asarray(self.to_world, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise InvalidInput("The camera's transform must be a finite 4 x 4 matrix.")
+            raise InvalidInput("Expected the camera's transform as a finite 4 x 4 matrix.")
         rotation = matrix[:3, :3]
         if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4):
-            raise InvalidInput("The camera's transform must be rigid: remove its scale and shear.")
+            raise InvalidInput("Expected a rigid transform of the camera. Remove its scale and shear.")
         object.__setattr__(self, "to_world", matrix)
         if not 0.0 < self.fov_x < np.pi:
             raise InvalidInput(
-                f"The camera's field of view must lie between 0 and 180 degrees, not "
-                f"{np.degrees(self.fov_x):g}: set the lens to a usable focal length."
+                f"Expected a field of view of the camera between 0 and 180 degrees, got {np.degrees(self.fov_x):g}. "
+                "Choose another focal length of its lens."
             )
 
     @property
     def position(self) -> np.ndarray:
-        """Centre of the pupil in the world, metres, shape (3,)."""
+        """Center of the pupil in the world, meters, shape (3,)."""
         return self.to_world[:3, 3]
 
     @property
     def axes(self) -> np.ndarray:
-        """Right, up and forward unit vectors in the world, shape (3, 3), one a row."""
+        """Right, up and forward unit vectors in the world, shape (3, 3), one in each row."""
         right, up, back = self.to_world[:3, :3].T
         return np.stack([right, up, -back])
 
     def moved(self, offset: Sequence[float], yaw: float = 0.0, pitch: float = 0.0) -> Camera:
-        """The same camera elsewhere.
+        """The same camera at another place.
 
         Parameters
         ----------
         offset : (float, float, float)
-            To the right, up and forward, metres.
+            Offset to the right, up and forward, meters.
         yaw, pitch : float
-            Turned to the left about its own up axis, then up, radians.
+            Rotation to the left about the camera's own up axis, and then up, radians.
         """
         right, up, forward = offset
         (s, c), (t, d) = ((math.sin(angle), math.cos(angle)) for angle in (yaw, pitch))
@@ -95,7 +104,7 @@ class Camera:
         return replace(self, to_world=self.to_world @ step)
 
     def to_dict(self) -> dict:
-        """JSON-able form, see `from_dict`."""
+        """Return the values as JSON has them, see `from_dict`."""
         return {
             "to_world": self.to_world.tolist(),
             "fov_x": self.fov_x,
@@ -108,6 +117,12 @@ class Camera:
 
     @classmethod
     def from_dict(cls, values: dict) -> Camera:
-        """Inverse of `to_dict`."""
+        """Return a camera; inverse of `to_dict`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
+        """
         end = values.get("clip_end")
         return cls(**values | {"clip_end": math.inf if end is None else end})

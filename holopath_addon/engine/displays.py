@@ -1,4 +1,4 @@
-"""Resolution and pixel pitch of real phase-only spatial light modulators (SLMs), from their data sheets."""
+"""Presets of phase-only spatial light modulators (SLMs), from their data sheets."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from .errors import InvalidInput
 
 @dataclass(frozen=True)
 class Display:
-    """A phase-only SLM.
+    """Preset of a phase-only SLM.
 
     Parameters
     ----------
     name : str
-        Key in `DISPLAYS` and value of `--display`.
+        Key in `DISPLAYS` and value of ``--display``.
     label : str
         Maker and model.
     width, height : int
-        Pixels.
+        Numbers of pixels.
     pitch : float
-        Pixel pitch, metres, the same in x and y.
+        Pixel pitch, meters, the same in x and y.
     bits : int
-        Bits of phase per pixel that the device's interface takes.
+        Bits of phase for each pixel at the device's interface.
     number : int
-        By which .blend files hold it, for ever.
+        Number in .blend files, which never changes.
     depth_range : (float, float)
-        Distances from the SLM of the far and the near end of its volume, meters: those of the paper's prototype
-        (section 5), whose relay has room for them.
+        Distances from the SLM of the far and the near end of the volume, meters. Default: those of the paper's
+        prototype (section 5), whose relay has room for them.
     frames : int
-        Pictures of each color that it shows within a sixtieth of a second, one color after another.
+        Number of frames of each color that it shows in 1/60 s, one color after another.
     """
 
     name: str
@@ -57,17 +57,22 @@ DISPLAYS = {
 
 
 def display(name: str) -> Display:
-    """Return the preset called `name` (case does not matter).
+    """Return a preset.
+
+    Parameters
+    ----------
+    name : str
+        Name of the preset; case does not matter.
 
     Raises
     ------
     InvalidInput
-        Where there is no such preset; the text lists the known ones.
+        If there is no such preset; the message lists all.
     """
     try:
         return DISPLAYS[str(name).lower()]
     except KeyError:
         known = ", ".join(DISPLAYS)
         raise InvalidInput(
-            f"There is no display preset '{name}': choose one of {known}, or give a resolution and pitch."
+            f"Expected a display preset, got '{name}'. Choose one of {known}, or give a resolution and pitch."
         ) from None

@@ -1,45 +1,45 @@
-"""What the engine raises. Callers turn each into one sentence for the user."""
+"""Exceptions of the engine, whose messages are for the user."""
 
 from __future__ import annotations
 
 
 class InvalidInput(ValueError):
-    """The caller's scene, display or settings cannot be used; the text says what, where and what to do."""
+    """Scene, display or settings that cannot be used; the message says what was expected and what to do."""
 
 
 class BackendUnavailable(RuntimeError):
-    """Mitsuba cannot compute on this machine; the text says what to install."""
+    """Mitsuba that cannot compute on this machine; the message says what to install."""
 
 
 class Cancelled(Exception):
-    """Raised by a progress callback to stop the work; nothing is left half done.
+    """Exception for progress callbacks to raise: it stops the work and leaves nothing half done.
 
     Attributes
     ----------
     kept : object or None
-        What was done by then, if it is of use, see `encode`.
+        Partial result, where it is useful, see `encode`.
     """
 
     kept = None
 
 
 def cancelled(error: BaseException | None) -> bool:
-    """Whether an exception comes from the user's wish to stop.
+    """Whether an exception, or one that caused it, is a `Cancelled` or Ctrl-C.
 
-    Mitsuba wraps what Ctrl-C or a progress callback raises within its own loops into a RuntimeError.
+    Mitsuba wraps exceptions of progress callbacks within its own loops into a RuntimeError.
 
     Parameters
     ----------
-    error : BaseException
+    error : BaseException or None
 
     Returns
     -------
     bool
     """
-    seen = set()
-    while error is not None and id(error) not in seen:
+    checked = set()
+    while error is not None and id(error) not in checked:
         if isinstance(error, (Cancelled, KeyboardInterrupt)):
             return True
-        seen.add(id(error))
+        checked.add(id(error))
         error = error.__cause__ or error.__context__
     return False

@@ -19,35 +19,38 @@ from .errors import InvalidInput
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-LEFT = re.compile(
-    r"\.(.+)\.(part|old)-[^.]+"
-)  # names of folders and files that are unfinished, or moved away
-TAKEN = (errno.EEXIST, errno.ENOTEMPTY)  # of a rename to where a folder is; Windows says that it is denied
-BROWSED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in folders that they show
-BEGUN = ".begun"  # file in an unfinished folder: a folder that was swept away and made again has none
+TEMPORARY = re.compile(r"\.(.+)\.(part|old)-[^.]+")  # names of unfinished and of replaced folders and files
+FOLDER_EXISTS = (
+    errno.EEXIST,
+    errno.ENOTEMPTY,
+)  # of a rename to an existing folder; Windows denies access instead
+BROWSER_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")  # left by file browsers in folders that they show
+MARKER = (
+    ".begun"  # file in an unfinished folder; a folder that `sweep` removed and that was made again lacks it
+)
 
 
 @contextmanager
 def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[Path]:
-    """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
+    """Temporary folder to fill, which replaces `folder` when the block succeeds and is removed otherwise.
 
     Parameters
     ----------
     folder : path
-        What is there stays until it is replaced.
+        Final place; an existing folder stays there until it is replaced.
     check : callable
-        ``check(folder)`` raises `InvalidInput` where what is there must not be replaced; called at once and
+        ``check(folder)`` raises `InvalidInput` if the existing folder must not be replaced. It is called at once and
         again at the end.
 
     Yields
     ------
     pathlib.Path
-        A hidden folder beside it.
+        A hidden folder beside the final place.
 
     Raises
     ------
     InvalidInput
-        At once if the folder must not be replaced or cannot be made.
+        At once, if the folder must not be replaced or cannot be created.
     OSError
         If it cannot be written.
     """
@@ -58,13 +61,13 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.part-", dir=folder.parent))
     except OSError as error:
         raise InvalidInput(
-            f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
+            f"The output folder {folder} cannot be made ({error.strerror}). Choose another one."
         ) from error
     try:
-        begun = part / BEGUN
-        begun.touch()
+        marker = part / MARKER
+        marker.touch()
         yield part
-        begun.unlink()  # not there if another process took this one for gone, see `sweep`
+        marker.unlink()  # fails if another process took this one for dead, see `sweep`
         os.chmod(part, 0o755)
         check(folder)
         _put_in_place(part, folder)
@@ -74,30 +77,30 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         raise
 
 
-def earlier(kind: str, *files, others: Sequence[str] = ()) -> Callable[[Path], None]:
-    """Check for `whole_folder`: an empty folder is replaced, and one with such files and no others.
+def overwrite_check(kind: str, *files, others: Sequence[str] = ()) -> Callable[[Path], None]:
+    """Check for `whole_folder` that allows to replace an empty folder, or one with certain files and no others.
 
     Parameters
     ----------
     kind : str
-        What such a folder holds, for the message.
+        Contents of such a folder, for the message.
     *files : str
-        Names.
+        Names of the files.
     others : sequence of str
-        Patterns of names that may be there, too.
+        Patterns of names of files that may also be there.
     """
-    known = [*files, *BROWSED, *others]
+    known = [*files, *BROWSER_FILES, *others]
 
     def check(folder):
         if not os.path.lexists(folder):
             return
         names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else {""}
         if names and not names.issuperset(files):
-            raise InvalidInput(f"{folder} holds something other than {kind}: choose another folder.")
-        strange = sorted(name for name in names if not any(fnmatchcase(name, each) for each in known))
-        if strange:
+            raise InvalidInput(f"{folder} holds something other than {kind}. Choose another folder.")
+        unknown = sorted(name for name in names if not any(fnmatchcase(name, each) for each in known))
+        if unknown:
             raise InvalidInput(
-                f"{folder} holds {strange[0]} beside {kind}, which would be lost: move it, or choose "
+                f"{folder} holds {unknown[0]} beside {kind}, which would be lost. Move it, or choose "
                 "another folder."
             )
 
@@ -106,13 +109,14 @@ def earlier(kind: str, *files, others: Sequence[str] = ()) -> Callable[[Path], N
 
 @contextmanager
 def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
-    """File to write; it takes the place of `file` when the block ends well, and vanishes otherwise.
+    """Temporary file to write, which replaces `file` when the block succeeds and is removed otherwise.
 
     Parameters
     ----------
     file : path
+        Final place.
     owner : path, optional
-        Of what the unfinished file is taken to be a part, and lies beside, see `sweep`. Default: the file.
+        Path that the temporary file lies beside and whose `sweep` removes it. Default: the file.
 
     Yields
     ------
@@ -122,7 +126,7 @@ def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
     Raises
     ------
     InvalidInput
-        At once if there can be no file.
+        At once, if the file cannot be created.
     OSError
         If it cannot be written.
     """
@@ -131,7 +135,7 @@ def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
         owner.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{owner.name}.part-", dir=owner.parent)
     except OSError as error:
-        raise InvalidInput(f"{file} cannot be made ({error.strerror}): choose another place.") from error
+        raise InvalidInput(f"{file} cannot be made ({error.strerror}). Choose another place.") from error
     os.close(handle)
     part = Path(name)
     try:
@@ -146,9 +150,11 @@ def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def _uninterrupted():
-    """Ignore Ctrl-C in the main thread while the block runs: a second one would leave half of what is cleared away."""
+    """Ignore Ctrl-C in the main thread while the block runs: a second one would leave the removal half done."""
     handler = signal.getsignal(signal.SIGINT)
-    if handler is None or threading.current_thread() is not threading.main_thread():  # None: not of Python
+    if (
+        handler is None or threading.current_thread() is not threading.main_thread()
+    ):  # None: not set by Python
         yield
         return
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -159,68 +165,65 @@ def _uninterrupted():
 
 
 def unfinished(folder: Path) -> set[str]:
-    """Names in a folder beside which a killed process left something, unless one is at work on them."""
-    found = (LEFT.fullmatch(path.name) for path in folder.iterdir())
-    return {match[1] for match in found if match}
+    """Names in a folder that have temporary files beside them, left by a killed process or in use by a running one."""
+    matches = (TEMPORARY.fullmatch(path.name) for path in folder.iterdir())
+    return {match[1] for match in matches if match}
 
 
 def sweep(path: Path) -> None:
-    """Clear away what a killed process left beside a path; what it had moved away is put back where nothing is.
+    """Remove temporary files of a killed process beside a path; a replaced folder returns if its place is empty.
 
     Parameters
     ----------
     path : path
-        Which no other process works on.
+        No other process may be at work on it.
     """
-    for left in list(path.parent.iterdir()):
-        match = LEFT.fullmatch(left.name)
+    for remnant in list(path.parent.iterdir()):
+        match = TEMPORARY.fullmatch(remnant.name)
         if match is None or match[1] != path.name:
             continue
         if match[2] == "old" and not os.path.lexists(path):
             with suppress(OSError):
-                os.replace(left / path.name, path)
-        apart = Path(tempfile.mkdtemp(prefix=f".{path.name}.part-", dir=path.parent))
-        with suppress(
-            OSError
-        ):  # a slow process put it in its place just now, or this one moves it away from there
-            os.replace(left, apart / left.name)
-        _remove(apart)
+                os.replace(remnant / path.name, path)
+        trash = Path(tempfile.mkdtemp(prefix=f".{path.name}.part-", dir=path.parent))
+        with suppress(OSError):  # another process has just put it in its place, or removed it
+            os.replace(remnant, trash / remnant.name)
+        _remove(trash)
 
 
 def _put_in_place(part, folder):
-    """Replace a folder. Of several processes that do so at once each has its turn, and the last one's stays."""
+    """Replace a folder. When several processes do so at once, each has its turn and the last one's stays."""
     while True:
-        beside = _moved_away(folder)  # Windows puts no folder in the place of another
+        backup = _move_away(folder)  # Windows cannot rename to an existing folder
         try:
             os.replace(part, folder)
         except BaseException as error:
-            if isinstance(error, OSError) and (
-                error.errno in TAKEN or folder.exists()
-            ):  # another one was quicker
-                _remove(beside)
+            # another process was faster
+            if isinstance(error, OSError) and (error.errno in FOLDER_EXISTS or folder.exists()):
+                _remove(backup)
                 continue
-            if beside is not None:
-                with suppress(OSError):  # what cannot be put back stays beside
-                    os.replace(beside / folder.name, folder)
-                    beside.rmdir()
+            if backup is not None:
+                with suppress(OSError):  # a backup that cannot be restored stays beside
+                    os.replace(backup / folder.name, folder)
+                    backup.rmdir()
             raise
-        _remove(beside)
+        _remove(backup)
         return
 
 
-def _moved_away(folder):
-    """Hidden folder that a folder has been moved into; None if there was none."""
+def _move_away(folder):
+    """Move a folder into a new hidden one beside it, and return that; None if there was no folder."""
     if not folder.exists():
         return None
-    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
+    backup = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
     try:
-        os.replace(folder, beside / folder.name)
+        os.replace(folder, backup / folder.name)
     except BaseException as error:
-        beside.rmdir()
+        backup.rmdir()
         if isinstance(error, FileNotFoundError):  # another process moved it away
             return None
         raise
-    return beside
+    return backup
 
 
 def _remove(folder):

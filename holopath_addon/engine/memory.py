@@ -1,4 +1,4 @@
-"""How much memory this machine has, or its graphics card, and what to say when work does not fit into it."""
+"""Memory of this machine and its graphics card: how much there is, and messages where it is short."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from .errors import InvalidInput
 
 AT_ONCE = 1 << 28  # bytes of fields of many frames that are traced together
-CARD_BATCH = 2 << 30  # bytes of a card's memory, free beside the field and phases, with which it encodes
+CARD_BATCH = 2 << 30  # bytes of a card's memory for encoding, besides field and phases
 LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
 
 def installed() -> int | None:
-    """Bytes that programs on this machine, or in this container, can have in all; None where it does not tell."""
+    """Total memory of this machine or container, bytes; None if unknown."""
     if sys.platform == "win32":
         return _windows()[0]
     try:
@@ -27,13 +27,13 @@ def installed() -> int | None:
     for name in LIMITS:
         try:
             whole = min(whole, int(Path(name).read_text()))
-        except (OSError, ValueError):  # there is none
+        except (OSError, ValueError):  # no limit
             continue
     return whole
 
 
 def available() -> int | None:
-    """Bytes that are free now; all of them where the machine does not tell."""
+    """Free memory, bytes; the total if unknown."""
     if sys.platform == "win32":
         return _windows()[1]
     try:
@@ -45,12 +45,12 @@ def available() -> int | None:
 
 
 def on_card(array: Any) -> tuple[int, int] | None:
-    """Bytes of the graphics card whose memory an array lies in, in all and free now; None where that is the machine's.
+    """Total and free memory in bytes of the graphics card that holds an array; None if it is in the machine's memory.
 
     Parameters
     ----------
     array : array
-        Of NumPy, CuPy, PyTorch or another library of the Array API standard.
+        Array of NumPy, CuPy, PyTorch or another library of the Array API standard.
     """
     if isinstance(array, np.ndarray):
         return None
@@ -72,23 +72,23 @@ def on_card(array: Any) -> tuple[int, int] | None:
 
 
 def refocusing_on_card(field: float, images: float) -> float:
-    """Bytes of a card's memory that pictures of a field take.
+    """Bytes of a card's memory for refocusing.
 
     Parameters
     ----------
     field, images : float
-        Bytes of the field and of the pictures.
+        Bytes of the field and of its images.
     """
     return 2 * field + images
 
 
 def encoding_on_card(field: float) -> float:
-    """Bytes of a card's memory with which a field of so many is encoded there, in batches that go by what is free."""
+    """Bytes of a card's memory for encoding a field of `field` bytes; the size of batches follows the free memory."""
     return 2 * field + CARD_BATCH
 
 
 def on_processor(array: Any) -> np.ndarray:
-    """NumPy's array of the same numbers; a copy where those are in a card's memory."""
+    """NumPy array of the same numbers; a copy if these are in a card's memory."""
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
         return np.asarray(array)
     import array_api_compat
@@ -101,26 +101,26 @@ def on_processor(array: Any) -> np.ndarray:
 
 
 def shortage(needed: float, doing: str, array: Any = None) -> list[str]:
-    """What to warn of when memory is short.
+    """Warnings of too little free memory.
 
     Parameters
     ----------
     needed : float
         Bytes.
     doing : str
-        What needs them, as the subject of a sentence.
+        Work that needs them, as the subject of a sentence.
     array : array, optional
-        In whose memory they are needed. Default: in the machine's.
+        Array whose memory is used. Default: the machine's memory.
 
     Returns
     -------
     list of str
-        A sentence where less is free now, nothing otherwise.
+        One warning if less is free now, otherwise none.
 
     Raises
     ------
     InvalidInput
-        If the machine, or the card, has not as much at all.
+        If the machine, or the card, has less in total.
     """
     card = None if array is None else on_card(array)
     (whole, free), place = (
@@ -129,12 +129,12 @@ def shortage(needed: float, doing: str, array: Any = None) -> list[str]:
     )
     if whole is not None and needed > whole:
         raise InvalidInput(
-            f"{doing} needs about {_gigabytes(needed)} of memory, and {place} has {_gigabytes(whole)}: choose "
-            f"fewer pixels, frames or wavelengths, or bring the depth range nearer to the SLM."
+            f"{doing} needs about {_gigabytes(needed)} of memory, and {place} has {_gigabytes(whole)}. Choose "
+            f"fewer pixels, frames or wavelengths, or a depth range nearer to the SLM."
         )
     if free is not None and needed > free:
         return [
-            f"{doing} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free: close other "
+            f"{doing} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free. Close other "
             f"programs, or choose fewer pixels, frames or wavelengths."
         ]
     return []
@@ -145,7 +145,7 @@ def _gigabytes(count):
 
 
 def _windows():
-    """Installed and free bytes; None where Windows does not tell."""
+    """Total and free memory of Windows, bytes; None if unknown."""
     import ctypes
 
     class Status(ctypes.Structure):

@@ -1,10 +1,9 @@
-"""The bench around the SLM: the beam that falls on it, stop and lens behind it, and the viewer's pupil.
+"""Bench around the SLM: the beam that falls on it, stop and lens behind it, and the viewer's pupil.
 
-One word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
+Each word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
 
-Fourier plane: frequencies g = (g_x, g_y), to the right and up, in units of the band's edge, 1 / (2 pitch) of the larger
-pitch, are those of
-what the SLM's pixels let through; its zero order lies at g = 0. The picture's middle ray lies at the carrier c: a wave
+Fourier plane: frequencies g = (g_x, g_y) of the light behind the SLM, to the right and up, in units of the band's edge,
+1 / (2 pitch) of the larger pitch. The zero order is at g = 0. The picture's middle ray is at the carrier c: a wave
 field, which is rendered on axis, has the frequencies f = g - c.
 """
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-# How many numbers each kind of beam has, and what they are.
+# Kinds of beams: allowed counts of numbers, and their meaning.
 BEAMS = {
     "flat": ((0,), "no number"),
     "tilt": ((2,), "two angles, to the right and up"),
@@ -35,10 +34,8 @@ BEAMS = {
     "gaussian": ((1, 3), "a waist over 0, and where its middle is, to the right and up"),
     "measured": ((0,), "an array"),
 }
-MISSED = (
-    0.1  # of a beam's largest amplitude, 1 % of its intensity: a panel that is darker everywhere is missed
-)
-# The same of each kind of stop.
+MIN_AMPLITUDE = 0.1  # of a beam at its brightest place on the panel, fraction of its maximum
+# Kinds of stops, likewise.
 STOPS = {
     "circle": ((0, 1), "a radius over 0, of the band's edge, or none"),
     "half": ((0, 1), "an angle, or none"),
@@ -46,28 +43,33 @@ STOPS = {
     "measured": ((0,), "an array"),
 }
 ZERO_ORDER = (
-    0.02  # of the band's edge: as far around it an off-axis stop is closed, 5 bins of 256 pixels and more
+    0.02  # radius of the zero order that off-axis stops block, in units of the band's edge: 5 bins of 256
 )
-IMAGE = (
-    1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
+MIN_REACH = (
+    1e-3  # of `Lens.reach`, fraction of the distance from the SLM to the picture: below it is the SLM's image
 )
-MIN_SHARE = 0.1  # of what pixels reach behind a lens, along a side of the picture
+MIN_SHARE = 0.1  # side of the picture behind a lens, fraction of the width that light of pixels reaches
 COLORS = ("color_scale", "color_distance", "color_shift")
-SCALES = 0.5, 2.0  # least and largest of a color
-GRID = 257  # points a side on which areas in the Fourier plane are taken
+SCALES = 0.5, 2.0  # minimum and maximum of a color's scale
+GRID = 257  # points along a side of the Fourier plane for areas
 BEAM_FILE, STOP_FILE = "beam.npy", "stop.npy"
 
 
 @dataclass(frozen=True)
 class Pupil:
-    """A circular part of the viewer's pupil plane, in world metres about the camera's axis.
+    """Circular part of the viewer's pupil plane, in world meters around the camera's axis.
 
     Attributes
     ----------
     x, y : float
-        Centre, to the right and up.
+        Center, to the right and up.
     diameter : float
-        Positive. What lies beyond the recordable cone holds no light.
+        Positive. The part outside the recordable cone is dark.
+
+    Raises
+    ------
+    InvalidInput
+        If the position is not finite or the diameter not positive.
     """
 
     x: float
@@ -76,14 +78,14 @@ class Pupil:
 
     def __post_init__(self):
         if not all(map(math.isfinite, (self.x, self.y, self.diameter))) or self.diameter <= 0:
-            raise InvalidInput("A pupil needs a finite position and a positive diameter.")
+            raise InvalidInput("Expected a finite position and a positive diameter of the pupil.")
 
 
 @dataclass(frozen=True)
 class Beam:
-    """Light that falls on the SLM, of amplitude 1 where it is brightest.
+    """Light that falls on the SLM, with an amplitude of 1 where it is brightest.
 
-    With x to the right and y up from the panel's middle, in meters, and k = 2 pi / wavelength::
+    With x to the right and y up from the panel's center, in meters, and k = 2 pi / wavelength::
 
         flat      1
         tilt      exp(i k (x sin a + y sin b)) with two angles a and b
@@ -94,19 +96,18 @@ class Beam:
 
     Parameters
     ----------
-    kind : str
-        Of `BEAMS`.
+    kind : {'flat', 'tilt', 'point', 'gaussian', 'measured'}
     numbers : tuple of float
-        Of a tilt a and b, radians; of a point D, meters; of a Gaussian beam w, x_0 and y_0, meters, of which the
-        last two may be left out.
+        For a tilt a and b, radians; for a point D, meters; for a Gaussian beam w, x_0 and y_0, meters, the last two
+        optional.
     measured : array_like, shape (y, x) or (wavelength, y, x), optional
-        Instead of numbers, the amplitude at each pixel of the panel as it was measured, of any scale; complex where
-        the phase was measured, too.
+        Instead of numbers, the measured amplitude at each pixel of the panel, in any unit; complex if the phase was
+        also measured.
 
     Raises
     ------
     InvalidInput
-        On a beam that cannot be.
+        If kind and numbers do not fit, or a number is out of range.
     """
 
     kind: str = "flat"
@@ -120,7 +121,9 @@ class Beam:
             object.__setattr__(self, "measured", measured)
             object.__setattr__(self, "digest", hashlib.sha256(measured.tobytes()).hexdigest())
         if self.kind not in BEAMS:
-            raise InvalidInput(f"There is no beam '{self.kind}': choose one of {', '.join(BEAMS)}.")
+            raise InvalidInput(
+                f"Expected a kind of beam, got '{self.kind}'. Choose one of {', '.join(BEAMS)}."
+            )
         numbers, (counts, what) = tuple(map(float, self.numbers)), BEAMS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
@@ -133,7 +136,9 @@ class Beam:
             good &= numbers[:1] > (0.0,)
         if not good:
             given = ", ".join(f"{number:g}" for number in numbers) or "none"
-            raise InvalidInput(f"A beam of the kind {self.kind} has {what}, not {given} (meters, radians).")
+            raise InvalidInput(
+                f"Expected {what} for a beam of the kind {self.kind}, got {given} (meters, radians)."
+            )
 
     def light(self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0) -> np.ndarray:
         """Complex amplitude at the panel's pixels, complex64, shape (y, x).
@@ -143,33 +148,44 @@ class Beam:
         shape : (int, int)
             Rows and columns of the panel.
         pitch : float or (float, float)
+            Pixel pitch, meters.
         wavelength : float
             Meters.
         number : int
-            Of the wavelength, where each has a measured beam of its own.
+            Index of the wavelength, for beams measured at each.
         """
         if self.measured is not None:
             return self.measured if self.measured.ndim == 2 else self.measured[number]
         x, y = _positions(shape, pitch)
-        amplitude, way = 1.0, np.zeros(shape)
+        amplitude, path = 1.0, np.zeros(shape)
         if self.kind == "tilt":
-            way = x * math.sin(self.numbers[0]) + y * math.sin(self.numbers[1])
+            path = x * math.sin(self.numbers[0]) + y * math.sin(self.numbers[1])
         elif self.kind == "point":
             (distance,) = self.numbers
             radius = np.sqrt(distance**2 + x**2 + y**2)
             amplitude = abs(distance) / radius
-            way = math.copysign(1.0, distance) * (x**2 + y**2) / (radius + abs(distance))
+            path = math.copysign(1.0, distance) * (x**2 + y**2) / (radius + abs(distance))
         elif self.kind == "gaussian":
             waist, x_0, y_0 = (*self.numbers, 0.0, 0.0)[:3]
             amplitude = np.exp(-((x - x_0) ** 2 + (y - y_0) ** 2) / waist**2)
-        return (amplitude * np.exp(2j * math.pi * np.mod(way / wavelength, 1.0))).astype(np.complex64)
+        return (amplitude * np.exp(2j * math.pi * np.mod(path / wavelength, 1.0))).astype(np.complex64)
 
     def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
-        """Refuse a beam that does not go with a panel of such pixels.
+        """Check that a beam fits a panel.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the panel.
+        pitch : float or (float, float)
+            Pixel pitch, meters.
+        wavelengths : sequence of float
+            Meters.
 
         Raises
         ------
         InvalidInput
+            If it misses the panel, is steeper than the pixels resolve, or was measured at other pixels or wavelengths.
         """
         if self.measured is not None:
             self._check_measured(shape, len(wavelengths))
@@ -177,17 +193,17 @@ class Beam:
             x, y = _positions(shape, pitch)
             waist, x_0, y_0 = (*self.numbers, 0.0, 0.0)[:3]
             nearest = math.hypot(np.abs(x - x_0).min(), np.abs(y - y_0).min())
-            if math.exp(-((nearest / waist) ** 2)) < MISSED:
+            if math.exp(-((nearest / waist) ** 2)) < MIN_AMPLITUDE:
                 raise InvalidInput(
-                    f"The beam, of a waist of {waist * 1e3:g} mm, passes the panel at a distance of "
-                    f"{nearest * 1e3:.3g} mm: move its middle onto the panel."
+                    f"The beam, with a waist of {waist * 1e3:g} mm, passes the panel at a distance of "
+                    f"{nearest * 1e3:.3g} mm. Move its center onto the panel."
                 )
         steepest, edge = self._steepest(shape, pitch), min(wavelengths) / (2 * coarsest(pitch))
         if steepest > edge:
             raise InvalidInput(
                 f"The beam meets the panel at {math.degrees(math.asin(min(1.0, steepest))):.3g} degrees, and pixels of "
-                f"{coarsest(pitch) * 1e6:g} µm make up for {math.degrees(math.asin(edge)):.3g} at most: tilt or "
-                "focus it less."
+                f"{coarsest(pitch) * 1e6:g} µm compensate {math.degrees(math.asin(edge)):.3g} degrees at most. "
+                "Tilt or focus it less."
             )
 
     def _steepest(self, shape, pitch):
@@ -204,41 +220,40 @@ class Beam:
         if self.measured.shape[-2:] != tuple(shape):
             rows, columns = self.measured.shape[-2:]
             raise InvalidInput(
-                f"The measured beam has {columns} x {rows} pixels, the panel {shape[1]} x {shape[0]}: give one of its "
-                "size."
+                f"Expected a measured beam of {shape[1]} x {shape[0]} pixels, the panel's, got {columns} x {rows}."
             )
         count = len(self.measured) if self.measured.ndim == 3 else 1
         if count not in (1, wavelengths):
             raise InvalidInput(
-                f"The beam was measured at {count} wavelengths of {wavelengths}: give as many."
+                f"Expected a measured beam for each of {wavelengths} wavelengths, or one for all, got {count}."
             )
         if count < wavelengths and self.measured.imag.any():
             raise InvalidInput(
-                f"The beam's phase was measured at one wavelength of {wavelengths}: give a beam for each, as an array "
+                f"The beam's phase was measured at one wavelength of {wavelengths}. Give a beam for each, as an array "
                 "of shape (wavelength, y, x)."
             )
 
 
 @dataclass(frozen=True)
 class Stop:
-    """What the relay lets through in its Fourier plane, see the module.
+    """Opening in the Fourier plane of the relay, see the module.
 
     Parameters
     ----------
-    kind : str
-        Of `STOPS`: a circle around the carrier; the half of the band on one side of the zero order; a rectangle around
-        the carrier; or as measured.
+    kind : {'circle', 'half', 'rectangle', 'measured'}
+        A circle or a rectangle around the carrier, the half of the band on one side of the zero order, or a measured
+        shape.
     numbers : tuple of float
-        Of a circle its radius (default: the largest that lies in the band and, off axis, leaves out the zero order); of
-        a half the angle of its middle, radians from the right upwards (default: 0); of a rectangle its width and
-        height, of which 2 is all.
+        For a circle its radius (default: the largest in the band that, off axis, excludes the zero order); for a half
+        the angle of its middle, radians from the right upwards (default: 0); for a rectangle its width and height. In
+        units of the band's edge, so that 2 is the whole width.
     measured : array_like of bool, shape (y, x), optional
-        Instead of numbers, what is open of the square g_x, g_y = -1 to 1; row 0 is the top.
+        Instead of numbers, the open places of the square g_x, g_y = -1 to 1; row 0 is the top.
 
     Raises
     ------
     InvalidInput
-        On a stop that cannot be.
+        If kind and numbers do not fit, or a number is out of range.
     """
 
     kind: str = "circle"
@@ -251,12 +266,14 @@ class Stop:
             measured = np.asarray(self.measured)
             if measured.ndim != 2 or measured.dtype != bool or not measured.any():
                 raise InvalidInput(
-                    "A measured stop is an array of true and false, of shape (y, x), that is open somewhere."
+                    "Expected a measured stop as an array of booleans, of shape (y, x), that is open somewhere."
                 )
             object.__setattr__(self, "measured", measured)
             object.__setattr__(self, "digest", hashlib.sha256(np.packbits(measured).tobytes()).hexdigest())
         if self.kind not in STOPS:
-            raise InvalidInput(f"There is no stop '{self.kind}': choose one of {', '.join(STOPS)}.")
+            raise InvalidInput(
+                f"Expected a kind of stop, got '{self.kind}'. Choose one of {', '.join(STOPS)}."
+            )
         numbers, (counts, what) = tuple(map(float, self.numbers)), STOPS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
@@ -265,16 +282,16 @@ class Stop:
             good &= all(number > 0 for number in numbers)
         if not good:
             given = ", ".join(f"{number:g}" for number in numbers) or "none"
-            raise InvalidInput(f"A stop of the kind {self.kind} has {what}, not {given}.")
+            raise InvalidInput(f"Expected {what} for a stop of the kind {self.kind}, got {given}.")
 
     @property
     def direction(self) -> tuple[float, float]:
-        """Of the middle of a half, to the right and up."""
+        """Unit vector to the middle of a half, to the right and up."""
         angle = (*self.numbers, 0.0)[0]
         return math.cos(angle), math.sin(angle)
 
     def middle(self) -> tuple[float, float]:
-        """Carrier of a picture in the middle of the stop, which leaves out the zero order where it can."""
+        """Carrier that puts the picture into the middle of the stop, away from the zero order where possible."""
         if self.kind == "circle":
             radius = (*self.numbers, 0.5)[0]
             return max(1 - radius, 0.0), 0.0
@@ -293,26 +310,26 @@ class Stop:
 
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens behind the SLM.
+    """Thin lens behind the SLM.
 
-    Somebody looks through it (depth mapping ``eyepiece``), or the picture stands in the air behind it (``fit``).
+    The viewer looks through it (depth mapping ``eyepiece``), or the picture floats in the air behind it (``fit``).
 
     Parameters
     ----------
     focal : float
-        Focal length f, meters; below 0 of a lens that diverges, which has no distance nor picture by default.
+        Focal length f, meters. Negative for a diverging lens, which needs both distances.
     distance : float, optional
-        L, from the SLM to the lens, meters, 0 or more. Default: f.
+        Distance L from the SLM to the lens, meters, 0 or more. Default: f.
     picture : float, optional
-        s, from the lens to the plane that the picture stands around, meters, over 0. Default: f, the back focal plane.
+        Distance s from the lens to the picture's plane, meters, positive. Default: f, the back focal plane.
     share : float
-        Of the width that light of pixels reaches there, what the picture has, over 0 to 1. What lies beside it is free:
-        phases leave their errors there.
+        Width of the picture as a fraction of the width that light of pixels reaches there, `MIN_SHARE` to 1. The area
+        beside it may contain the errors of phases.
 
     Raises
     ------
     InvalidInput
-        On a lens that cannot be, or a picture's plane that is the SLM's own image.
+        If a number is out of range, or the picture's plane is the SLM's own image.
     """
 
     focal: float
@@ -325,36 +342,36 @@ class Lens:
         object.__setattr__(self, "share", float(self.share))
         if not MIN_SHARE <= self.share <= 1:
             raise InvalidInput(
-                f"A picture behind a lens has {MIN_SHARE:g} to 1 of the width that light reaches there, not "
-                f"{self.share:g}: 1 is all of it."
+                f"Expected a picture behind a lens of {MIN_SHARE:g} to 1 of the width that light reaches there, got "
+                f"{self.share:g}."
             )
         object.__setattr__(self, "focal", float(self.focal))
         if not (math.isfinite(self.focal) and self.focal):
             raise InvalidInput(
-                f"The focal length of a lens is finite and not 0, not {self.focal * 1e3:g} mm."
+                f"Expected a focal length that is finite and not 0, got {self.focal * 1e3:g} mm."
             )
         if self.focal < 0 and None in (self.distance, self.picture):
             raise InvalidInput(
-                f"A lens of {self.focal * 1e3:g} mm diverges, and its focal plane is before it: for a picture behind "
-                "it give its distance from the SLM and that of the picture from it, and to look through take one that "
-                "converges."
+                f"A lens of {self.focal * 1e3:g} mm diverges, and its focal plane is before it. For a picture behind "
+                "it give its distance from the SLM and that of the picture from it; to look through it choose a "
+                "converging one."
             )
         object.__setattr__(self, "distance", float(self.focal if self.distance is None else self.distance))
         if not (math.isfinite(self.distance) and self.distance >= 0):
             raise InvalidInput(
-                f"A lens stands behind the SLM, 0 mm away or more, not {self.distance * 1e3:g} mm."
+                f"Expected a distance of the lens from the SLM of 0 mm or more, got {self.distance * 1e3:g} mm."
             )
         if self.picture is None:
             return
         object.__setattr__(self, "picture", float(self.picture))
         if not (math.isfinite(self.picture) and self.picture > 0):
             raise InvalidInput(
-                f"The picture stands behind the lens, over 0 mm away, not {self.picture * 1e3:g} mm."
+                f"Expected a distance of the picture from the lens above 0 mm, got {self.picture * 1e3:g} mm."
             )
-        if abs(self.reach) < IMAGE * (self.distance + self.picture):
+        if abs(self.reach) < MIN_REACH * (self.distance + self.picture):
             raise InvalidInput(
                 f"The plane {self.picture * 1e3:g} mm behind the lens is the SLM's own image, where each pixel is a "
-                "point: put the picture elsewhere, as in the back focal plane, which is the default."
+                "point. Put the picture elsewhere, for example in the back focal plane, which is the default."
             )
 
     @property
@@ -364,7 +381,7 @@ class Lens:
 
     @property
     def reach(self) -> float:
-        """B = L + s - L s / f of the ray matrix, meters: how far aside light of a slope of 1 on the axis arrives."""
+        """B = L + s - L s / f of the ray matrix, meters: height at which a ray of slope 1 from the axis arrives."""
         if self.picture is None:
             return self.focal
         return self.distance + self.picture - self.distance * self.picture / self.focal
@@ -372,34 +389,39 @@ class Lens:
 
 @dataclass(frozen=True)
 class Optics:
-    """The bench around the SLM. By default light falls evenly on it, and a round stop lets through its band.
+    """Bench around the SLM. By default an even beam falls on it, and a round stop passes its band.
+
+    The panel's pixels are where lenses image them for the light of each wavelength: scaled, at another distance, and
+    shifted. Free space begins there.
 
     Parameters
     ----------
     beam : Beam
-        That falls on the SLM.
+        Light that falls on the SLM.
     carrier : (float, float) or 'auto', optional
-        Where in the Fourier plane the middle of the picture's light lies, to the right and up of the zero order, in
-        units of the band's edge; 'auto' for the middle of the stop. Default: that of a half; of other stops the zero
-        order.
+        Place of the picture's middle ray in the Fourier plane, to the right and up of the zero order, in units of the
+        band's edge; 'auto' for the middle of the stop. Default: 'auto' for a half, the zero order for other stops.
     stop : Stop
-        In the Fourier plane behind the SLM.
+        Opening in the Fourier plane behind the SLM.
     color_scale : sequence of float
-        Magnification of each wavelength's picture over what it should be. Default: 1.
+        Relative magnification of each wavelength's picture. Default: 1.
     color_distance : sequence of float
-        How far each wavelength's picture lies too near to the viewer, meters. Default: 0.
+        Offset of each wavelength's picture towards the viewer, meters. Default: 0.
     color_shift : sequence of (float, float)
-        How far each wavelength's picture lies aside, meters to the right and up. Default: 0.
+        Offset of each wavelength's picture, meters to the right and up. Default: 0.
     lens : Lens, optional
-        Behind the SLM and its relay. Default: none.
-
-    For light of a wavelength the panel's pixels lie where lenses image them: as far apart, at that distance and that
-    far aside. Free space begins there.
+        Lens behind the SLM and its relay. Default: none.
 
     Raises
     ------
     InvalidInput
-        If the stop does not lie in the band, or lets nothing of the picture through, or a color cannot lie there.
+        If the stop reaches beyond the band or passes nothing of the picture, or a number is out of range.
+
+    Examples
+    --------
+    >>> from holopath_addon import engine
+    >>> engine.Optics(stop=engine.Stop("half")).carrier  # off axis, in the middle of the stop
+    (0.5, 0.0)
     """
 
     beam: Beam = field(default_factory=Beam)
@@ -420,7 +442,7 @@ class Optics:
         if len(carrier) != 2 or not all(map(math.isfinite, carrier)) or math.hypot(*carrier) >= 1:
             given = ", ".join(f"{number:g}" for number in carrier)
             raise InvalidInput(
-                f"A carrier lies within the band, closer than 1 to the zero order, not at {given}."
+                f"Expected a carrier within the band, closer than 1 to the zero order, got {given}."
             )
         object.__setattr__(self, "carrier", carrier)
         reach = 0.0
@@ -430,51 +452,57 @@ class Optics:
             reach = max(abs(c) + side / 2 for c, side in zip(carrier, self.stop.numbers, strict=True))
         if reach > 1 + 1e-9:
             raise InvalidInput(
-                f"The stop reaches {reach:.3g} times as far as the band, beyond which pixels send no light: make it "
-                "smaller, or its carrier."
+                f"Expected a stop within the band, outside which pixels send no light, got one that reaches "
+                f"{reach:.3g} times as far. Choose a smaller stop or carrier."
             )
         if self.stopped and not self._open_grid().any():
-            raise InvalidInput("The stop lets nothing of the picture through: move it, or its carrier.")
+            raise InvalidInput("The stop passes nothing of the picture. Move it, or its carrier.")
 
     def _set_colors(self):
-        """Numbers of all colors; none where all are as they should be."""
+        """Check the numbers of all colors, and set those to () that are all at their defaults."""
         scale, distance = (tuple(map(float, each)) for each in (self.color_scale, self.color_distance))
         shift = tuple(tuple(map(float, pair)) for pair in self.color_shift)
         for each in scale:
             if not SCALES[0] <= each <= SCALES[1]:
                 raise InvalidInput(
-                    f"The scale of a color is relative, {SCALES[0]:g} to {SCALES[1]:g}, not {each:g}: 1 is as it "
-                    "should be."
+                    f"Expected a relative scale of a color from {SCALES[0]:g} to {SCALES[1]:g}, got {each:g}. The "
+                    "default is 1."
                 )
         if not all(map(math.isfinite, distance)):
             raise InvalidInput(
-                "The distance of a color must be finite: leave out what was not measured, or say 0."
+                "Expected finite distances of colors. Omit those that were not measured, or give 0."
             )
         if not all(len(pair) == 2 and all(map(math.isfinite, pair)) for pair in shift):
-            raise InvalidInput("The shift of a color is two finite numbers, to the right and up.")
+            raise InvalidInput("Expected two finite numbers for the shift of a color, to the right and up.")
         object.__setattr__(self, "color_scale", scale if any(each != 1 for each in scale) else ())
         object.__setattr__(self, "color_distance", distance if any(distance) else ())
         object.__setattr__(self, "color_shift", shift if any(map(any, shift)) else ())
 
     @property
     def stopped(self) -> bool:
-        """Whether carrier or stop are others than by default."""
+        """Whether carrier or stop differ from the default."""
         return any(self.carrier) or self.stop != Stop()
 
     @property
     def _radius(self):
-        """Of a circle."""
-        aside = math.hypot(*self.carrier)
-        return (
-            self.stop.numbers[0]
-            if self.stop.numbers
-            else min(1 - aside, aside - ZERO_ORDER)
-            if aside
-            else 1.0
-        )
+        """Radius of a circular stop, in units of the band's edge."""
+        if self.stop.numbers:
+            return self.stop.numbers[0]
+        offset = math.hypot(*self.carrier)
+        return min(1 - offset, offset - ZERO_ORDER) if offset else 1.0
 
     def open_at(self, f_x: np.ndarray, f_y: np.ndarray) -> np.ndarray:
-        """Whether light of the picture's frequencies, to the right and up in units of the band's edge, passes."""
+        """Whether light of the picture passes the stop.
+
+        Parameters
+        ----------
+        f_x, f_y : array_like
+            Frequencies to the right and up, in units of the band's edge; they are broadcast.
+
+        Returns
+        -------
+        numpy.ndarray of bool
+        """
         square = f_x**2 + f_y**2
         passes = square <= 1
         if not self.stopped:
@@ -500,17 +528,16 @@ class Optics:
 
     @property
     def of_rays(self) -> Optics:
-        """The same with light as it should be: without the beam, which may be measured pixel by pixel, and with colors
-        that lie on each other."""
+        """Ideal bench for rays: an even beam, which has no pixels, and colors that coincide."""
         return replace(self, beam=Beam(), **dict.fromkeys(COLORS, ()))
 
     @property
     def colors_apart(self) -> bool:
-        """Whether colors do not lie on each other by themselves."""
+        """Whether colors differ in scale, distance or shift."""
         return bool(self.color_scale or self.color_distance or self.color_shift)
 
     def color(self, number: int) -> tuple[float, float, tuple[float, float]]:
-        """Scale, distance and shift of the wavelength of this number."""
+        """Scale, distance in meters and shift in meters of the wavelength of index `number`."""
         return (
             self.color_scale[number] if self.color_scale else 1.0,
             self.color_distance[number] if self.color_distance else 0.0,
@@ -518,9 +545,19 @@ class Optics:
         )
 
     def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
-        """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top.
+        """FFT bins of a field that pass the stop.
 
-        Pixels of any size are alike if they are square, which is the default.
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the FFT; row 0 of the field is the top.
+        pitch : float or (float, float)
+            Pixel pitch of the field. For square pixels, the default, its value does not matter.
+
+        Returns
+        -------
+        numpy.ndarray of bool, `shape`
+            In FFT order.
         """
         fy, fx = frequencies(shape, pitch)
         return self.open_at(2 * fx[None, :], -2 * fy[:, None])
@@ -531,7 +568,7 @@ class Optics:
 
     @property
     def opening(self) -> tuple[float, float, float]:
-        """Middle, from the picture's middle ray, and radius of the largest circle that is open; of the band's edge."""
+        """Largest open circle: center, from the picture's middle ray, and radius, in units of the band's edge."""
         if not self.stopped:
             return 0.0, 0.0, 1.0
         if self.stop.kind == "circle":
@@ -539,7 +576,7 @@ class Optics:
         inside = scipy.ndimage.distance_transform_edt(np.pad(self._open_grid(), 1))[1:-1, 1:-1]
         rows, columns = np.nonzero(
             inside > inside.max() - 1.5
-        )  # of circles as large, the one around the middle ray
+        )  # of the largest, the one nearest to the middle ray
         step = 2 / (GRID - 1)
         x, y = columns * step - 1, 1 - rows * step
         middle = np.argmin(np.hypot(x, y))
@@ -547,17 +584,33 @@ class Optics:
         return float(x[middle]), float(y[middle]), float(radius)
 
     def share(self, x: float, y: float, radius: float) -> float:
-        """Of what is open, how much lies in a circle, all in units of the band's edge."""
+        """Fraction of the open area that is within a circle.
+
+        Parameters
+        ----------
+        x, y, radius : float
+            Center, to the right and up, and radius, in units of the band's edge.
+        """
         axis, passes = np.linspace(-1, 1, GRID), self._open_grid()
         inside = np.hypot(axis[None, :] - x, -axis[:, None] - y) <= radius
         return float((passes & inside).sum() / passes.sum())
 
     def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
-        """Refuse what does not go with a panel of such pixels.
+        """Check that the bench fits a panel.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the panel.
+        pitch : float or (float, float)
+            Pixel pitch, meters.
+        wavelengths : sequence of float
+            Meters.
 
         Raises
         ------
         InvalidInput
+            If the beam does not fit, see `Beam.check`, or the numbers of colors and wavelengths differ.
         """
         self.beam.check(shape, pitch, wavelengths)
         for name, each in (
@@ -567,20 +620,20 @@ class Optics:
         ):
             if each and len(each) != len(wavelengths):
                 raise InvalidInput(
-                    f"The bench has a {name} of {len(each)} colors, the hologram {len(wavelengths)}: give one for each "
-                    "wavelength."
+                    f"Expected a {name} for each of {len(wavelengths)} wavelengths, got {len(each)}."
                 )
         if self.colors_apart and len(set(wavelengths)) < len(wavelengths):
             raise InvalidInput(
-                "Of equal wavelengths none can lie apart: give each once, or leave out where colors lie."
+                "Expected different wavelengths, because their colors differ in place. Give each wavelength once."
             )
 
     def illumination(
         self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0
     ) -> np.ndarray | None:
-        """What the transmission of the SLM's pixels is multiplied with to be the picture's light; None for 1.
+        """Factor of the SLM's transmission for the picture's light, complex64, shape (y, x); None for 1.
 
-        It is the beam, seen along the carrier: exp(-i pi (c_x x + c_y y) / pitch) times `Beam.light`.
+        It is the beam relative to the carrier: exp(-i pi (c_x x + c_y y) / pitch) times `Beam.light`, which has the
+        same parameters.
         """
         if self.beam == Beam() and not any(self.carrier):
             return None
@@ -592,35 +645,44 @@ class Optics:
         return (light * np.exp(-2j * math.pi * np.mod(turns, 1.0))).astype(np.complex64)
 
     def to_dict(self) -> dict:
-        """JSON-able form of what is not as by default; of arrays their SHA-256."""
-        told = {}
+        """Return the values that differ from their defaults, as JSON has them; for arrays their SHA-256."""
+        values = {}
         for name, part, default in (("beam", self.beam, Beam()), ("stop", self.stop, Stop())):
             if part != default:
-                told[name] = {"kind": part.kind, "numbers": list(part.numbers)}
-                told[name] |= {"sha256": part.digest} if part.digest else {}
+                values[name] = {"kind": part.kind, "numbers": list(part.numbers)}
+                values[name] |= {"sha256": part.digest} if part.digest else {}
         if self.stopped:
-            told["carrier"] = list(self.carrier)
+            values["carrier"] = list(self.carrier)
         if self.lens is not None:
-            told["lens"] = asdict(self.lens)
+            values["lens"] = asdict(self.lens)
         for name in COLORS:
             if getattr(self, name):
-                told[name] = [list(each) if isinstance(each, tuple) else each for each in getattr(self, name)]
-        return told
+                values[name] = [
+                    list(each) if isinstance(each, tuple) else each for each in getattr(self, name)
+                ]
+        return values
 
     def save(self, folder: Path) -> None:
-        """Write arrays that `to_dict` leaves out into a folder."""
+        """Write the measured arrays, which `to_dict` omits, into the folder `folder`."""
         for name, part in ((BEAM_FILE, self.beam), (STOP_FILE, self.stop)):
             if part.measured is not None:
                 np.save(folder / name, part.measured)
 
     @classmethod
     def from_dict(cls, values: dict, folder: Path | None = None) -> Optics:
-        """Inverse of `to_dict`, with arrays of the folder into which `save` wrote them.
+        """Return a bench; inverse of `to_dict` and `save`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
+        folder : path, optional
+            Folder of `save`. Default: none, for benches without measured parts.
 
         Raises
         ------
         InvalidInput
-            If arrays are not there.
+            If an array is missing.
         """
         beam, stop = (
             _part(kind, values.get(name, {}), folder, f"{name}.npy")
@@ -634,30 +696,34 @@ ON_AXIS = Optics()
 
 
 def _part(kind, values, folder, name):
-    """A beam or a stop of its values."""
+    """Beam or stop from its values."""
     if values.get("kind") != "measured":
         return kind(**values)
     if folder is None or not (folder / name).is_file():
         word = name.partition(".")[0]
-        raise InvalidInput(f"The {word} was measured, and its array is not there: give it by --{word}.")
+        raise InvalidInput(f"The array of the measured {word} is missing. Give it by --{word}.")
     return kind("measured", measured=np.load(folder / name, allow_pickle=False))
 
 
 def _positions(shape, pitch):
-    """x to the right and y up, meters from the panel's middle, of columns and rows."""
+    """Positions of columns, x to the right, and of rows, y up, meters from the panel's center."""
     y, x = ((np.arange(n) - (n - 1) / 2) * d for n, d in zip(shape, axes(pitch), strict=True))
     return x[None, :], -y[:, None]
 
 
 def _scaled_to_1(measured: ArrayLike) -> np.ndarray:
-    """A measured beam, complex64, of amplitude 1 where it is brightest."""
+    """A measured beam, complex64, scaled to an amplitude of 1 where it is brightest."""
     array = np.asarray(measured)
     if array.ndim not in (2, 3) or not array.size or array.dtype.kind not in "fciub":
-        raise InvalidInput("A measured beam is an array of numbers, of shape (y, x) or (wavelength, y, x).")
+        raise InvalidInput(
+            "Expected a measured beam as an array of numbers, of shape (y, x) or (wavelength, y, x)."
+        )
     if array.dtype.kind != "c" and (array < 0).any():
-        raise InvalidInput("The measured beam's amplitude goes below 0: give complex numbers for phases.")
+        raise InvalidInput(
+            "Expected amplitudes of 0 or more of the measured beam. Give complex numbers for phases."
+        )
     array = array.astype(np.complex128)
     largest = np.abs(array).max(initial=0.0)
     if not 0 < largest < math.inf:
-        raise InvalidInput("The measured beam is dark, or has values that are not finite: measure it again.")
+        raise InvalidInput("Expected a measured beam with light and finite values. Measure it again.")
     return (array / largest).astype(np.complex64)

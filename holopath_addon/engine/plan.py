@@ -1,4 +1,4 @@
-"""What planning decides, and all that follows obeys."""
+"""Plan of a render: the decisions of planning, which rendering obeys."""
 
 from __future__ import annotations
 
@@ -11,33 +11,35 @@ from .settings import Settings
 from .slabs import Slab
 
 T = TypeVar("T")
-SLABS = "slab", "images"  # of a recording plane
-CARD_STAGES = "wave tracing", "propagation", "reconstruction"  # of `Plan.card_memory`, beside encodings
-PHASES = "sgd", "joint", "look", "light", "rays", "frame", "step"  # see `planning.costs.phases`
+SLABS = "slab", "images"  # fields of a recording plane
+CARD_STAGES = "wave tracing", "propagation", "reconstruction"  # keys of `Plan.card_memory`, besides encodings
+# Keys of `Plan.phases`, see `planning.costs.CostModel.encoding_seconds`
+PHASES = "sgd", "joint", "look", "light", "rays", "frame", "step"
 
 
 @dataclass(frozen=True)
 class RecordingPlane:
-    """A plane that rays start from, and the slab of the volume that it records. Distances from the SLM in metres.
+    """Plane that rays start from, and the slab of the volume that it records. Distances from the SLM in meters.
 
     Attributes
     ----------
     z : float
-        Of the plane.
+        Depth of the plane.
     sees : {'all', 'surfaces', 'images'}
-        What it records: everything, what rays meet straight on, or what they meet over mirrors and clear surfaces.
+        What the plane records: everything, surfaces that rays hit directly, or those that they reach over mirrors and
+        clear surfaces.
     slab : Slab
-        Depths of the first surfaces that its rays meet.
+        Depths of the first surfaces that its rays hit.
     images : Slab
-        Depths of what it records of what these show.
+        Depths of the images in mirrors and clear surfaces that it records.
     low : float
-        Where what lies wholly beyond the farther planes' slabs begins, and with it the silhouette.
+        Depth from which on surfaces are in no slab of a farther plane, and occlude the light of these.
     depth_limit : float
         Largest distance of a surface from the plane.
     rays : int
-        A pixel, where it needs most.
+        Number of rays for a pixel, where it is largest.
     plain, chained : float
-        Estimated rays a pixel that no mirror or clear surface is in view of, and others, means over all pixels.
+        Estimated rays for each pixel that see no mirror or clear surface, and that see one, means over all pixels.
     """
 
     z: float
@@ -53,17 +55,24 @@ class RecordingPlane:
 
 @dataclass(frozen=True)
 class Decision:
-    """One choice of the plan, in plain words.
+    """One decision of the plan, in plain words.
 
     Attributes
     ----------
     name, value : str
-        What was decided, and how.
+        Name and result of the decision.
     reason : str
+        Why it was made.
     saving : str
-        What is not done because of it; empty where nothing is saved.
+        Work that it saves; empty if none.
     error : float or None
-        Estimated error of the wave field that comes of it, relative to the field; None where there is no estimate.
+        Estimated error of the wave field due to it, relative to the field; None without an estimate.
+
+    Examples
+    --------
+    >>> from holopath_addon import engine
+    >>> print(engine.Decision("recording planes", "2", "two groups of depths", "half of the rays", 0.001))
+    recording planes: 2 (two groups of depths; saves half of the rays; error about 0.10%)
     """
 
     name: str
@@ -74,7 +83,7 @@ class Decision:
 
     @property
     def why(self) -> str:
-        """Reason, saving and error in one."""
+        """Reason, saving and error in one text."""
         notes = [self.reason]
         if self.saving:
             notes.append(f"saves {self.saving}")
@@ -88,7 +97,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Decided(Generic[T]):
-    """What was chosen, the decisions that say so, and what to warn of."""
+    """Result of a step of planning, with its decisions and warnings."""
 
     value: T
     decisions: tuple[Decision, ...] = ()
@@ -97,80 +106,83 @@ class Decided(Generic[T]):
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be computed. Distances in metres.
+    """Plan of a render, made by `plan`. Distances in meters.
 
     Attributes
     ----------
     near : float
         World depth at the near end of the volume (`fit`), or of the nearest surface (`eyepiece`).
     z_low, z_high : float
-        Hologram-space depths between which surfaces were seen.
+        Range of hologram-space depths of the visible surfaces.
     planes : tuple of RecordingPlane
-        From the far end to the near one.
-    rays_per_pixel, passes, margin, slabs, bins : int
-        Rays of the wave on all planes where they need most, radiance paths, and the radiance map's pixels beyond each
-        edge, depth slabs and pupil bins.
+        Recording planes from the far end to the near one.
+    rays_per_pixel : int
+        Number of wave rays for a pixel on all planes, where it is largest.
+    passes : int
+        Number of radiance paths for each grain.
     most_passes, wanted_error : int, float
-        Paths that may be taken until the radiance's noise leaves so small an error of the wave field.
+        Largest number of paths, and the error of the wave field due to the radiance's noise at which they end earlier.
     white : float
         Radiance of the bright parts of the view.
     grey : bool
         Whether all wavelengths share one radiance.
     traversals : int
-        Times that rays are traced: once for all wavelengths, or for each where glass in view disperses.
+        Number of times that rays are traced: once for all wavelengths, or for each where visible glass disperses.
+    margin, slabs, bins : int
+        Radiance map: pixels beyond each edge, depth slabs, and bins of the pupil.
     regions : bool
-        Whether each tile of the recording plane has as many rays as it needs, and chains only where they are seen.
+        Whether each tile of the recording plane has its own number of rays, and chains only where they are visible.
     cached : bool
         Whether diffuse light comes from the radiance cache.
     texel_noise, texel_samples : float, int
-        Relative standard error that its texels in view are baked to, and most samples of each.
+        Relative standard error to which visible texels are baked, and the largest number of samples of each.
     max_depth : int
-        Vertices of a radiance path.
+        Largest number of vertices of a radiance path.
     radiance_limit : float
-        Most that indirect light may add to one path.
+        Upper bound of the indirect light of one path.
     chain : int
-        Longest chain of specular hits; 0 leaves the code for them out.
+        Longest chain of specular hits; 0 omits their code.
     splits : int
-        Hits of a chain at which more than one way on is followed.
+        Number of hits of a chain at which both reflection and refraction are followed.
     virtual_image : str
-        'curvature', or 'opl' where it is asked for or exact.
+        'curvature', or 'opl' where it is requested or exact.
     pupil : float
-        Radius of the pupil that nearly smooth mirrors are followed for, metres; 0 where none is in view.
+        Radius of the pupil for which nearly smooth mirrors are followed; 0 if none is visible.
     coherent : bool
-        Whether neighbouring rays are traced in packets.
+        Whether neighboring rays are traced in packets.
     cone : float
         Half-angle of the lattice in recordable slopes.
     levels : int
-        Of the kernel tables at least.
+        Minimum number of levels of the kernel tables.
     reach : int
-        Columns to either side that grains of one surface share their light over; 0: none.
+        Number of columns to either side over which grains of one surface share their light; 0 for none.
     textures : int or None
-        Rays a pixel that see textures alone; None where the first paths tell how many.
+        Number of rays for each pixel that see textures only; None where the first paths decide.
     chunk : int
         Bytes of the sums of pixels that are traced at once.
     stages : dict of str to float
-        Estimated seconds of each stage on this machine; empty for baselines, of which nothing is foretold.
+        Estimated seconds of each stage on this machine; empty for baselines, which have no estimates.
     phases : dict of str to float
-        Those of what its encodings are made of, by `PHASES`; empty for baselines.
+        Estimated seconds of the parts of encodings, by `PHASES`; empty for baselines.
     phases_memory : dict of str to float
-        Estimated bytes that each encoding takes, with the field; empty for baselines.
+        Estimated bytes of each encoding, the field included; empty for baselines.
     error : float
-        Estimated error of the wave field by the radiance's noise, relative to the field.
+        Estimated error of the wave field due to the radiance's noise, relative to the field.
     memory_bytes : int
-        Estimated peak of the arrays.
+        Estimated peak memory of the arrays.
     requested : Settings
-        For which it was made.
+        Settings that the plan was made for.
     settings : Settings
-        Those with what they imply, see `planning.planner.resolved`; what renders obeys these.
+        The same with their implications, see `planning.planner.resolved`; rendering obeys these.
     decisions : tuple of Decision
     warnings : tuple of str
     library : str
-        That computes waves and phases, see `waves.libraries`.
+        Array library that computes waves and phases, see `waves.libraries`.
     beside : int
-        Pixels beyond each edge of the picture that are traced, too, see `mapping`.
+        Number of pixels beyond each edge of the picture that are also traced, see `mapping`.
     card_memory : dict of str to float
-        Estimated bytes of a graphics card's memory that each of `CARD_STAGES` and each encoding takes; empty without a
-        card that computes waves.
+        Estimated bytes of a graphics card's memory for each of `CARD_STAGES` and each encoding; empty without a card
+        that computes waves.
     """
 
     near: float
@@ -213,7 +225,7 @@ class Plan:
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
     library: str = "numpy"
-    # as in files of versions that did not have these
+    # defaults for files of versions without these
     beside: int = 0
     card_memory: dict = field(default_factory=dict)
 
@@ -224,26 +236,31 @@ class Plan:
 
     @property
     def z_gathered(self) -> float:
-        """Where the field of all planes is brought together, on the nearest to the viewer that has no images only."""
+        """Depth of the plane on which the waves of all planes are summed, see `gathered_on`."""
         return gathered_on(self.planes).z
 
     @property
     def z_middle(self) -> float:
-        """Middle of the recording planes, from which the radiance map is seen."""
+        """Middle of the recording planes, the origin of the radiance map's view."""
         return middle_of(self.planes)
 
     def to_dict(self) -> dict:
-        """JSON-able form; null for what is unlimited."""
+        """Return the values as JSON has them, with null for infinity."""
         return _finite({**asdict(self), "seconds": self.seconds})
 
     @classmethod
     def from_dict(cls, values: dict) -> Plan:
-        """A plan from what `to_dict` gave.
+        """Return a plan; inverse of `to_dict`.
+
+        Parameters
+        ----------
+        values : dict
+            Values as of `to_dict`.
 
         Raises
         ------
         KeyError, TypeError
-            If it is another version's.
+            If they come from another version.
         """
         if values["phases"] and set(values["phases"]) != set(PHASES):
             raise KeyError("phases")
@@ -284,7 +301,7 @@ def _unlimited(value, limit):
 
 
 def _finite(value):
-    """Infinite numbers, which JSON does not have, as None."""
+    """Values with None for infinite numbers, which JSON does not have."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -293,11 +310,11 @@ def _finite(value):
 
 
 def gathered_on(planes: Sequence[RecordingPlane]) -> RecordingPlane:
-    """The plane that the waves of all planes are brought together on: the nearest to the viewer of surfaces."""
+    """Plane on which the waves of all planes are summed: the nearest to the viewer that records surfaces."""
     return [plane for plane in planes if plane.sees != "images"][-1]
 
 
 def middle_of(planes: Sequence[RecordingPlane]) -> float:
-    """Middle of the planes, from which the radiance map is seen."""
-    places = [plane.z for plane in planes]
-    return 0.5 * (min(places) + max(places))
+    """Middle of the recording planes, the origin of the radiance map's view."""
+    depths = [plane.z for plane in planes]
+    return 0.5 * (min(depths) + max(depths))

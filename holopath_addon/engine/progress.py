@@ -1,4 +1,4 @@
-"""How work tells how far it is, how long its stages took, and whether programs are compiled meanwhile."""
+"""Progress of work, durations of its stages, and detection of compilation."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from itertools import pairwise
 
 # ``progress(done, message)``, done in 0..1; it may raise `Cancelled`, which stops the work.
 Progress = Callable[[float, str], None]
-# ``progress(done)`` of work whose caller knows what to call it.
+# ``progress(done)`` of work whose message the caller adds, see `named`.
 PartProgress = Callable[[float], None]
-FORETOLD = 5.0  # seconds after which work is taken to go on as it did
-OFTEN = 0.2  # seconds between two looks at progress and cancel, where work can be divided so
+MIN_EXTRAPOLATED = 5.0  # seconds of work from which the remaining time is extrapolated
+OFTEN = 0.2  # seconds between two calls of progress, where work can be divided accordingly
 
-# Fraction of each kind of work that is done when its stages end, in order: roughly the time that they take. Stages that
-# are left out cost nothing.
+# Fraction of each kind of work that is done when its stages end, in order: roughly by their time. Stages that are
+# skipped cost nothing.
 SHARES = {
     "still": {"export": 0.05, "still": 1.0},
     "files": {"field": 0.93, "phases": 0.94, "images": 0.95, "extras": 0.98},
@@ -47,20 +47,20 @@ SHARES = {
 def stage(progress: Progress, start: float, end: float) -> Progress:
     """Progress callback of a part of the work that runs from `start` to `end` of the whole (0..1)."""
 
-    def told(done, message):
+    def on_progress(done, message):
         done = min(max(done, 0.0), 1.0)
         progress(start * (1 - done) + end * done, message)  # exact at both ends, where the next stage begins
 
-    return told
+    return on_progress
 
 
 def parts(progress: Progress, count: int) -> list[Progress]:
-    """Progress callbacks of so many equal parts of the work, one after another."""
+    """Split progress into `count` equal parts, one after another."""
     return [stage(progress, number / count, (number + 1) / count) for number in range(count)]
 
 
 def duration(seconds: float) -> str:
-    """``40 s``, ``3 min``, ``2 h 5 min``."""
+    """Duration in words: ``40 s``, ``3 min``, ``2 h 5 min``."""
     if seconds < 60:
         return f"{math.ceil(seconds)} s"
     hours, minutes = divmod(math.ceil(seconds / 60), 60)
@@ -68,25 +68,25 @@ def duration(seconds: float) -> str:
 
 
 def with_time_left(progress: Progress) -> Progress:
-    """Of work that goes on evenly: once it took a while the message ends with what it will take yet."""
-    begun = time.monotonic()
+    """Progress callback that adds the remaining time to messages, by extrapolation after `MIN_EXTRAPOLATED`."""
+    start = time.monotonic()
 
-    def told(done, message):
-        spent = time.monotonic() - begun
-        if spent > FORETOLD and 0 < done < 1:
-            message = f"{message}, {duration(spent * (1 / done - 1))} left"
+    def on_progress(done, message):
+        elapsed = time.monotonic() - start
+        if elapsed > MIN_EXTRAPOLATED and 0 < done < 1:
+            message = f"{message}, {duration(elapsed * (1 / done - 1))} left"
         progress(done, message)
 
-    return told
+    return on_progress
 
 
 def named(progress: Progress, message: str) -> PartProgress:
-    """Progress callback of work that does not know what it is called."""
+    """Progress callback with a fixed message."""
     return lambda done: progress(done, message)
 
 
 class Stages:
-    """Progress callbacks of the stages of some work, by name: each tells of itself, from 0 to 1.
+    """Progress callbacks of the stages of some work, by name; each goes from 0 to 1.
 
     Parameters
     ----------
@@ -99,49 +99,62 @@ class Stages:
     def __init__(self, progress: Progress, work: str | dict[str, float]) -> None:
         ends = SHARES[work] if isinstance(work, str) else work
         bounds = pairwise([0.0, *ends.values()])
-        self._told = {name: stage(progress, *each) for name, each in zip(ends, bounds, strict=True)}
+        self._stages = {name: stage(progress, *each) for name, each in zip(ends, bounds, strict=True)}
 
     def __getitem__(self, name: str) -> Progress:
-        return self._told[name]
+        return self._stages[name]
 
 
 class Pace:
-    """How many units of work to do at a time, for progress to be told, and cancel heard, several times a second.
+    """Number of units of work in one launch, so that progress is reported several times a second.
 
-    Few at first, twice as many as before where these took little time, and half as many where they took long: programs
-    are written down in Python before they run, which takes a fast graphics card ten times as long as to run one unit.
+    It starts small, doubles after short launches and halves after long ones. Larger launches are faster: a program is
+    recorded in Python before it runs, which on a fast graphics card takes ten times as long as to run one unit.
 
     Parameters
     ----------
-    most : int
-        Units at a time, at most: those to come may be dearer.
+    max_units : int
+        Largest number of units, because later ones may take longer.
     first : int
-        Units at first.
+        Number of units at first.
 
     Attributes
     ----------
     together : int
-        Units to do next.
+        Number of units for the next launch.
     """
 
-    def __init__(self, most: int, first: int = 1) -> None:
-        self.together, self._most = first, most
+    def __init__(self, max_units: int, first: int = 1) -> None:
+        self.together, self._max_units = first, max_units
 
     @contextmanager
     def __call__(self) -> Iterator[None]:
-        """Units are done inside."""
-        begun = time.perf_counter()
+        """Measure the units that are computed inside, and adapt their number."""
+        start = time.perf_counter()
         yield
-        elapsed = time.perf_counter() - begun
+        elapsed = time.perf_counter() - start
         if elapsed < OFTEN:
-            self.together = min(2 * self.together, self._most)
+            self.together = min(2 * self.together, self._max_units)
         elif elapsed > 2 * OFTEN:
             self.together = max(self.together // 2, 1)
 
 
-def paced(units: range, most: int, at_first: int = 1) -> Iterator[range]:
-    """Units of work in parts that are done at a time, see `Pace`."""
-    pace, first = Pace(most, at_first), units.start
+def paced(units: range, max_units: int, at_first: int = 1) -> Iterator[range]:
+    """Split units of work into launches, see `Pace`.
+
+    Parameters
+    ----------
+    units : range
+        Numbers of all units.
+    max_units, at_first : int
+        Largest and first number of units in a launch.
+
+    Yields
+    ------
+    range
+        Units to compute before the next one is taken.
+    """
+    pace, first = Pace(max_units, at_first), units.start
     while first < units.stop:
         part = range(first, min(first + pace.together, units.stop))
         with pace():
@@ -150,35 +163,41 @@ def paced(units: range, most: int, at_first: int = 1) -> Iterator[range]:
 
 
 class Clock:
-    """Seconds spent in each stage, summed over its visits."""
+    """Seconds spent in each stage, summed over its visits.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        By stage.
+    """
 
     def __init__(self) -> None:
         self.seconds = {}
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """Count what is done inside towards a stage."""
+        """Add the time of the block to a stage."""
         start = time.perf_counter()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 class Compiling:
-    """Whether Dr.Jit compiles programs that this machine has not had: told by those since the last question.
+    """Detector of programs that Dr.Jit compiled since the last call and that were not in its cache.
 
-    To be asked in the thread that computes. In another one the answer waits until a program is compiled.
+    Call it in the thread that computes: in another one it waits until a program is compiled.
     """
 
     def __init__(self) -> None:
         self._compiled = _compiled()
 
     def __call__(self) -> bool:
-        """Whether it does."""
+        """Whether any program was compiled since the last call."""
         before, self._compiled = self._compiled, _compiled()
         return self._compiled > before
 
 
 def _compiled() -> int:
-    """Programs that were neither in memory nor on disk, since Dr.Jit was started; this does not start it."""
+    """Number of programs compiled since Dr.Jit started, without those from its caches; does not start Dr.Jit."""
     detail = getattr(sys.modules.get("drjit"), "detail", None)  # another thread may be about to import it
     return 0 if detail is None else detail.launch_stats()[2]

@@ -1,7 +1,8 @@
-"""How a hologram is computed: each setting declared once, for the command line, Blender, the checks and the guide."""
+"""Settings of a computation, each declared once for the command line, Blender, the checks and the guide."""
 
 from __future__ import annotations
 
+import inspect
 import math
 import warnings
 from collections.abc import Callable
@@ -13,14 +14,14 @@ from .errors import InvalidInput
 
 @dataclass(frozen=True)
 class Choice:
-    """One of the values that a setting may have.
+    """One of the values of a setting.
 
     Attributes
     ----------
     name, label, help : str
-        In words on the command line, as Blender's menus have it, and what it does.
+        Name on the command line, label in Blender's menus, and description.
     number : int
-        By which .blend files hold it, for ever.
+        Number in .blend files, which never changes.
     """
 
     name: str
@@ -30,41 +31,49 @@ class Choice:
 
 
 def choices(*rows: tuple[str, str, str], numbered: tuple[str, ...] = ()) -> dict[str, Choice]:
-    """Choices by name, numbered in this order, or in that of `numbered`."""
+    """Choices by name.
+
+    Parameters
+    ----------
+    *rows : (str, str, str)
+        Name, label and help of each.
+    numbered : tuple of str
+        Names in the order of their numbers. Default: the order of the rows.
+    """
     order = list(numbered or [row[0] for row in rows])
     return {row[0]: Choice(*row, order.index(row[0])) for row in rows}
 
 
-# name: module of `baselines`, what it is called, what it does
+# name: module of `baselines`, label, description
 BASELINES = {
     "point": ("point_cloud", "Point Cloud", "a spherical wave from each visible surface point"),
     "polygon": ("polygons", "Polygons", "the field of each visible facet, by its angular spectrum"),
-    "rgbd": ("layers", "RGB-D Layers", "layers of a picture with depth, each blocking those behind it"),
+    "rgbd": ("layers", "RGB-D Layers", "layers of an image with depth, each of which blocks those behind it"),
     "rgbd-sgd": (
         "rgbd_descent",
         "RGB-D Descent",
-        "phases that show a picture with depth sharp on its layers",
+        "phases that show an image with depth sharp on its layers",
     ),
     "focal-stack": (
         "focal_stack",
         "Focal Stack",
-        "phases that show pictures through a lens at several depths",
+        "phases that show images through a lens at several depths",
     ),
-    "light-field": ("light_field", "Light Field", "phases that show pictures from all over the pupil"),
+    "light-field": ("light_field", "Light Field", "phases that show views from all over the pupil"),
     "stereogram": (
         "stereogram",
         "Stereogram",
-        "pictures from all over the pupil, by a short-time Fourier transform",
+        "views from all over the pupil, by a short-time Fourier transform",
     ),
     "gaussian": (
         "gaussians",
         "Gaussians",
         "the wave of each Gaussian on the surfaces, blended from far to near",
     ),
-    "network": ("network", "Network", "a function of your own from a picture with depth to a field"),
+    "network": ("network", "Network", "your own function from an image with depth to a field"),
 }
 METHODS = choices(
-    ("auto", "Auto", "Bake diffuse light where that takes less time than tracing it for this view"),
+    ("auto", "Auto", "Bake diffuse light where that is faster than tracing it for this view"),
     ("full", "Full", "Trace all light for this view alone"),
     ("fast", "Fast", "Bake diffuse light into a texture, once for all views and focus distances of a scene"),
     ("direct", "Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
@@ -74,7 +83,7 @@ QUALITIES = choices(
     (
         "draft",
         "Draft",
-        "A true hologram at once, with much noise: mirrors and glass show pictures on their own surface",
+        "A complete hologram at once, with much noise; mirrors and glass show images on their own surface",
     ),
     ("preview", "Preview", "Few rays and radiance samples, for a first look"),
     ("balanced", "Balanced", "Enough rays for every depth in view"),
@@ -82,7 +91,7 @@ QUALITIES = choices(
     numbered=("preview", "balanced", "high", "draft"),
 )
 ESTIMATORS = choices(
-    ("lattice", "Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
+    ("lattice", "Lattice", "Directions on a lattice with the exact kernel: only the radiance is noisy"),
     ("paper", "Paper", "Random directions with a spherical wave, as published"),
 )
 PHASE_FIELDS = choices(
@@ -90,14 +99,14 @@ PHASE_FIELDS = choices(
     (
         "smooth",
         "Smooth",
-        "Surfaces as far in phase as the randomness says: little speckle with few frames, and less light to the rim of "
-        "the eyebox",
+        "Phases that vary little, see Randomness: little speckle with few frames, and less light at the edge "
+        "of the eyebox",
     ),
     ("designed", "Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
     (
         "random",
         "Random",
-        "Independent for each frame, as published: speckle of one over the root of the frames",
+        "Independent for each frame, as published: speckle contrast of 1 over the square root of the frames",
     ),
     numbered=("designed", "random", "auto", "smooth"),
 )
@@ -105,46 +114,50 @@ RADIANCES = choices(
     (
         "grain",
         "Per Grain",
-        "Average every grain's radiance before the root is taken: right where light is indirect",
+        "Average each grain's radiance before the square root: correct in indirect light",
     ),
-    ("ray", "Per Ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
+    ("ray", "Per Ray", "Separate light paths for each ray, as published: too dark in indirect light"),
 )
 VIRTUAL_IMAGES = choices(
-    ("curvature", "Wavefront", "Where neighboring rays cross: right for curved mirrors and lenses"),
-    ("opl", "Path Length", "At the optical path length, as published: right for flat mirrors only"),
+    ("curvature", "Wavefront", "Where neighboring rays cross: correct for curved mirrors and lenses"),
+    ("opl", "Path Length", "At the optical path length, as published: correct for flat mirrors only"),
 )
 DEPTH_MAPPINGS = choices(
     ("fit", "Fit Scene", "Spread the scene from its near end to infinity over the depth range"),
-    ("eyepiece", "Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
+    (
+        "eyepiece",
+        "Eyepiece",
+        "Map depths like an eyepiece that shows the hologram in the camera's field of view",
+    ),
 )
 ENCODINGS = choices(
     (
         "dpac",
         "Double Phase",
-        "Neighboring pixels whose mean is the complex amplitude: at once, for a first look",
+        "Pairs of pixels whose mean is the complex amplitude: fast, for a first look",
     ),
     (
         "auto",
         "Automatic",
-        "The best that the seconds allow: Many Frames where the scene is at hand, or All Frames; with one frame "
-        "Each Frame",
+        "The best in the given seconds: Many Frames where the scene is available, otherwise All Frames; Each Frame "
+        "for one frame",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
         "joint",
         "All Frames",
-        "Each frame, then all together, so that what is seen through them is what the field shows",
+        "Each frame, then all together, so that their mean shows what the field's does",
     ),
     (
         "refine",
         "Many Frames",
-        "Each frame, then all together towards the mean of many more frames, which are traced for it: nearest to the "
-        "scene, and takes longer",
+        "Each frame, then all together towards the mean of many more frames, which are also traced: closest to the "
+        "scene, and slower",
     ),
 )
 
 
-# What choices were called in the version before; these names still work, with a word.
+# Names of choices in the version before, by setting: they work with a warning, see docs/version-1.md.
 FORMERLY = {"quality": {"full": "high"}}
 
 
@@ -153,7 +166,17 @@ def _warn(text):
 
 
 def current(name: str, value: Any, tell: Callable[[str], object] = _warn) -> Any:
-    """A setting's value by the name that it has now; `tell` gets a sentence where it was called otherwise."""
+    """A setting's value by its current name.
+
+    Parameters
+    ----------
+    name : str
+        Name of the setting.
+    value : object
+        Its value, possibly by the name of the version before.
+    tell : callable
+        ``tell(text)`` receives a warning in the latter case. Default: a DeprecationWarning.
+    """
     new = FORMERLY[name].get(value, value) if name in FORMERLY else value
     if new is not value:
         tell(f"The {name} {value} is called {new} now; the old name goes with the next version.")
@@ -167,11 +190,11 @@ class Switch:
     Attributes
     ----------
     name, label, help : str
-        The property's, its label, and what it does.
+        Name of the property, its label and description.
     by_hand : bool
-        Whether the setting is taken by hand where it is on, or where it is off.
+        Position of the switch, on or off, in which the user's value of the setting counts.
     heading : str
-        In front of it in a panel.
+        Text in front of it in a panel.
     """
 
     name: str
@@ -183,32 +206,32 @@ class Switch:
 
 @dataclass(frozen=True)
 class Declaration:
-    """What those who set a setting are told of it, and what it may be.
+    """Declaration of a setting: its texts and its allowed values.
 
     Attributes
     ----------
     label, help : str
-        In Title Case, and a sentence without a full stop, as Blender has them.
+        Label in Title Case, and description as a sentence without a full stop, as in Blender.
     advice : str
-        What to start with, for the guide; its default where empty.
+        Value to start with, for the guide; the default if empty.
     section : str
-        The panel that shows it.
+        Panel that shows it.
     bounds : (float, float)
-        Least and most of a number; whole numbers where these are.
+        Minimum and maximum of a number, which is whole if these are.
     soft : (float, float), optional
-        What a slider in Blender covers.
+        Range of the slider in Blender.
     chosen : dict of str to Choice
-        What it may be, where that is a word.
+        Allowed values of a setting that is a word.
     unit : str
-        'mm' of what the engine has in metres.
+        'mm' for lengths, which the engine has in meters.
     initial : float or None
-        What a number that need not be set is at first when it is.
+        First value of an optional number when it is switched on.
     switch : Switch, optional
-        Whether it is.
+        Switch of an optional number.
     instead_of : str
-        The setting that it takes the place of: only one of the two is given.
+        Setting that it replaces: only one of the two is given.
     metavar : str
-        Its value on the command line.
+        Placeholder of the value on the command line.
     """
 
     label: str
@@ -225,39 +248,40 @@ class Declaration:
     metavar: str = "N"
 
     def check(self, value: Any) -> None:
-        """Refuse a value that it cannot have.
+        """Check a value.
 
         Raises
         ------
         InvalidInput
+            If the value is not allowed.
         """
         if self.chosen:
             if value not in self.chosen:
-                raise InvalidInput(f"Unknown {self.label.lower()} '{value}': choose {self.allowed}.")
+                raise InvalidInput(f"Unknown {self.label.lower()} '{value}'. Choose {self.allowed}.")
             return
-        least, most = self.bounds
+        low, high = self.bounds
         number = isinstance(value, (int, self.kind)) and math.isfinite(value)
-        if not (number and least <= value <= most):
-            raise InvalidInput(f"{self.label} must be {self.allowed}, not {value}.")
+        if not (number and low <= value <= high):
+            raise InvalidInput(f"{self.label} must be {self.allowed}, got {value}.")
 
     @property
     def kind(self) -> type:
-        """Of a number: `int` or `float`."""
+        """Type of a number, `int` or `float`."""
         return type(self.bounds[0])
 
     @property
     def allowed(self) -> str:
-        """What it may be, in words."""
+        """Allowed values, in words."""
         if self.chosen:
             return f"one of {', '.join(self.chosen)}"
-        auto, (least, most) = "auto or " if self.switch and not self.switch.by_hand else "", self.bounds
-        if math.isinf(least):
+        auto, (low, high) = "auto or " if self.switch and not self.switch.by_hand else "", self.bounds
+        if math.isinf(low):
             return f"{auto}a number"
-        return f"{auto}{least} or more" if math.isinf(most) else f"{auto}from {least} to {most}"
+        return f"{auto}{low} or more" if math.isinf(high) else f"{auto}from {low} to {high}"
 
 
-def _setting(default, label, help, **told) -> Any:
-    declared = Declaration(label, help, **told)
+def _setting(default, label, help, **options) -> Any:
+    declared = Declaration(label, help, **options)
     if isinstance(default, dict):
         return field(default_factory=dict, metadata={"declared": declared})
     return field(default=default, metadata={"declared": declared})
@@ -265,32 +289,42 @@ def _setting(default, label, help, **told) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How a hologram is computed. Defaults suit most scenes; the plan fills what is left open.
+    """Settings of a computation. Defaults suit most scenes; the plan decides what they leave open.
 
-    For the `BASELINES`, which are other people's methods, to be compared with, these count: `frames`, `quality`, `spp`
-    (paths of a picture's pixel), `max_depth` and `seed`. Distances are in metres here, whatever their unit elsewhere.
-    `fixed` holds values by name, see `FIXABLE`.
+    The `BASELINES`, other people's methods for comparison, use `frames`, `quality`, `spp` (paths for each pixel of an
+    image), `max_depth` and `seed` only. Distances are in meters here, whatever their unit elsewhere. `fixed` holds
+    values by name, see `FIXABLE`.
 
     Raises
     ------
     InvalidInput
-        On a value out of range.
+        If a value is not allowed.
+
+    Examples
+    --------
+    >>> from holopath_addon import engine
+    >>> settings = engine.Settings(quality="draft", frames=3)
+    >>> settings.max_depth
+    8
+    >>> engine.Settings(frames=0)
+    Traceback (most recent call last):
+    holopath_addon.engine.errors.InvalidInput: Frames must be from 1 to 256, got 0.
     """
 
     quality: str = _setting(
         "balanced",
         "Quality",
-        "Rays and radiance samples per pixel: more take longer and leave less noise",
-        advice="`draft` for something true within a second, `preview` to look, `high` for figures in a paper",
+        "Rays and radiance samples per pixel: more take longer and reduce noise",
+        advice="`draft` for a complete hologram within a second, `preview` for a first look, `high` for figures in a "
+        "paper",
         section="quality",
         chosen=QUALITIES,
     )
     speckle: float | None = _setting(
         None,
         "Speckle",
-        "Speckle contrast that may be left: standard deviation over mean of the intensity. As many frames are taken as "
-        "it needs",
-        advice="instead of frames: 0.2 is hardly seen in motion, 0.05 in stills",
+        "Target speckle contrast, standard deviation over mean of the intensity, which sets the number of frames",
+        advice="instead of frames: 0.2 is hardly visible in motion, 0.05 in stills",
         section="quality",
         bounds=(0.01, 1.0),
         soft=(0.01, 0.6),
@@ -298,7 +332,7 @@ class Settings:
         switch=Switch(
             "wish_speckle",
             "Frames by Speckle",
-            "Take as many frames as the wanted speckle contrast needs",
+            "Set the number of frames by the target speckle contrast",
             True,
             "By Speckle",
         ),
@@ -308,9 +342,9 @@ class Settings:
     frames: int = _setting(
         8,
         "Frames",
-        "Time-multiplexed frames per color: 1 for an SLM of 60 pictures a second or of 180 in colors, 3 for one of "
-        "540, 8 and more for fast ones. More have less speckle and take longer",
-        advice="what your SLM shows: 1 for most, 8 and more for fast ones; a display's preset brings its own",
+        "Time-multiplexed frames per color: 1 for an SLM of 60 Hz, or of 180 Hz in color, 3 for one of 540 Hz, 8 and "
+        "more for fast ones. More frames have less speckle and take longer",
+        advice="what your SLM shows: 1 for most, 8 and more for fast ones; a display's preset sets its own",
         section="quality",
         bounds=(1, 256),
         soft=(1, 32),
@@ -319,7 +353,7 @@ class Settings:
     method: str = _setting(
         "auto",
         "Method",
-        "Where the light that surfaces scatter diffusely comes from",
+        "How diffusely scattered light is computed",
         advice="`auto`. See [baked light](how-to/baked-light.md) and [other methods](how-to/compare.md)",
         section="quality",
         chosen=METHODS,
@@ -327,9 +361,9 @@ class Settings:
     despeckle: int = _setting(
         0,
         "Despeckle",
-        "Steps that take speckle out of the finished fields, towards the mean of 96 frames. These are traced for it "
-        "and multiply the time. 60 steps do most, 0 nothing",
-        advice="0; 60 for a still picture with few frames, 200 for the best",
+        "Steps that remove speckle from the finished fields, towards the mean of 96 frames. These are also traced "
+        "and multiply the time. 60 steps remove most of it, 0 nothing",
+        advice="0; 60 for a still image with few frames, 200 for the best",
         section="quality",
         bounds=(0, 1 << 16),
         soft=(0, 200),
@@ -338,7 +372,7 @@ class Settings:
     max_depth: int = _setting(
         8,
         "Max Path Depth",
-        "Longest light path, in vertices: 1 is emission only, 2 direct light, each further one a bounce",
+        "Longest light path, in vertices: 1 is emission only, 2 direct light, and each more adds a bounce",
         section="quality",
         bounds=(1, 1 << 16),
         soft=(1, 16),
@@ -346,23 +380,23 @@ class Settings:
     seed: int = _setting(
         0,
         "Seed",
-        "Seed of all random numbers: another one gives other noise",
+        "Seed of all random numbers: another one gives different noise",
         bounds=(0, math.inf),
         metavar="S",
     )
     phase_field: str = _setting(
         "auto",
         "Phase Fields",
-        "Where the phases of the frames come from; they cost the same",
+        "Kind of phases of the frames; all take the same time",
         advice="`auto`; `designed` for the whole eyebox with few frames, `random` to compare with the paper",
         chosen=PHASE_FIELDS,
     )
     randomness: float | None = _setting(
         None,
         "Randomness",
-        "How far smooth phase fields are from in phase, 0, to random, 1. More spreads light over the eyebox and leaves "
+        "Randomness of smooth phase fields, from 0, in phase, to 1, random. More spreads light over the eyebox and has "
         "more speckle",
-        advice="automatic: 0 for fields; phases begin with 0 for one frame and 0.1 for two to seven",
+        advice="automatic: 0 for fields; phases start with 0 for one frame and 0.1 for two to seven",
         bounds=(0.0, 1.0),
         initial=0.3,
         switch=Switch(
@@ -377,8 +411,8 @@ class Settings:
     spp: int | None = _setting(
         None,
         "Rays per Pixel",
-        "Most rays per pixel, on average. Fewer than are needed fill a narrower cone",
-        advice="as many as are needed",
+        "Maximum number of rays per pixel, on average. Fewer than needed fill a narrower cone",
+        advice="as many as needed",
         bounds=(1, 1 << 20),
         soft=(1, 4096),
         initial=256,
@@ -394,7 +428,7 @@ class Settings:
     estimator: str = _setting(
         "lattice",
         "Estimator",
-        "How the rays of a pixel are chosen and summed",
+        "How the rays of a pixel are distributed and summed",
         advice="`lattice`; `paper` to compare with the paper",
         chosen=ESTIMATORS,
     )
@@ -408,23 +442,23 @@ class Settings:
     paths: int = _setting(
         1,
         "Paths per Ray",
-        "Radiance paths that are averaged for each ray, where radiance is taken per ray. With few, indirect light is "
-        "too dark",
+        "Number of radiance paths to average for each ray, where Radiance is Per Ray. With few, indirect light is too "
+        "dark",
         bounds=(1, 1 << 16),
         soft=(1, 64),
     )
     most_hits: int = _setting(
         8,
         "Specular Hits",
-        "Most mirrors and clear surfaces in a row that a ray follows to what is seen in them. What is beyond is black. "
-        "With 0, reflections lie on the mirror's surface",
+        "Maximum number of mirrors and clear surfaces in a row that a ray follows. Objects behind more of them are "
+        "black. With 0, reflections lie on the mirror's surface",
         bounds=(0, 64),
         soft=(0, 16),
     )
     virtual_image: str = _setting(
         "curvature",
         "Virtual Images",
-        "Depth at which things seen in mirrors and through clear glass come into focus",
+        "Depth at which objects in mirrors and behind clear glass come into focus",
         advice="`curvature`; `opl` to compare with the paper",
         chosen=VIRTUAL_IMAGES,
     )
@@ -432,14 +466,14 @@ class Settings:
         "auto",
         "Recording Plane",
         "Distance of the wave recording plane from the SLM, in millimeters",
-        advice="`auto`: amid the depths in view, where the fewest rays are needed",
+        advice="`auto`: among the visible depths, where the fewest rays are needed",
         soft=(-200.0, 500.0),
         unit="mm",
         initial=12.5,
         switch=Switch(
             "wrp_auto",
             "Automatic Recording Plane",
-            "Put wave recording planes amid the depths in view, where they need the fewest rays",
+            "Put wave recording planes among the visible depths, where they need the fewest rays",
             False,
             "Plane Depths",
         ),
@@ -448,8 +482,8 @@ class Settings:
     planes: int | str = _setting(
         "auto",
         "Recording Planes",
-        "Most planes that rays start from, each near its part of the scene. More planes need fewer rays, and keep the "
-        "edges of near things free of dark rims",
+        "Maximum number of planes that rays start from, each near its part of the scene. More planes need fewer rays, "
+        "and avoid dark rims at the edges of near objects",
         advice="`auto`: as many as are worth their time; 1 as published",
         bounds=(1, 32),
         soft=(1, 8),
@@ -457,7 +491,7 @@ class Settings:
         switch=Switch(
             "planes_auto",
             "Automatic Number of Planes",
-            "As many recording planes as are worth their time, by the depths, edges and mirrors in view",
+            "As many recording planes as are worth their time, by the visible depths, edges and mirrors",
             False,
             "Plane Count",
         ),
@@ -466,8 +500,8 @@ class Settings:
     fixed: dict = _setting(
         {},
         "Fixed Decisions",
-        "Decisions of the plan that you take yourself, for example chain=4,passes=64",
-        advice="none: `holopath plan` says what it decides",
+        "Decisions of the plan that you make yourself, for example chain=4,passes=64",
+        advice="none: `holopath plan` shows all decisions",
         metavar="NAME=N[,..]",
     )
 
@@ -479,11 +513,11 @@ class Settings:
                 declared.check(value)
 
 
-# Of encodings, which fields know nothing of.
+# Settings of encodings, which do not affect fields.
 ENCODE_SECONDS = Declaration(
     "Encoding Seconds",
-    "Seconds that encoding may take, from the field on: Automatic then chooses the encoding that is best by then, and "
-    "each gives what it has when they are over",
+    "Time limit of encoding in seconds, without the field: Automatic chooses the best encoding for it, and each "
+    "encoding gives its best result when time is up",
     section="hologram",
     bounds=(0.1, math.inf),
     soft=(1.0, 300.0),
@@ -491,7 +525,7 @@ ENCODE_SECONDS = Declaration(
     switch=Switch(
         "limit_encoding",
         "Encode by the Clock",
-        "Let encoding take as many seconds as you give it, and make the best of them",
+        "Limit the time of encoding, and get the best result for it",
         True,
         "By the Clock",
     ),
@@ -501,8 +535,8 @@ ENCODE_SECONDS = Declaration(
 
 EYEBOX = Declaration(
     "Eyebox",
-    "How much parts of the pupil count besides the whole in the phases of all frames: with 1 the picture holds as the "
-    "eye moves, with 0 it is best for an eye in the middle. Few frames cannot show both",
+    "Weight of parts of the pupil, besides the whole, in phases of all frames: with 1 the image holds as the eye "
+    "moves, with 0 it is best for an eye in the middle. Few frames cannot do both",
     advice="automatic: 0 with up to six frames, 1 from eight on",
     section="hologram",
     bounds=(0.0, 1.0),
@@ -511,7 +545,7 @@ EYEBOX = Declaration(
     switch=Switch(
         "eyebox_auto",
         "Automatic Eyebox",
-        "As much as so many frames can show",
+        "As much as the number of frames allows",
         False,
         "Eyebox",
     ),
@@ -522,9 +556,12 @@ EYEBOX = Declaration(
 DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}
 
 
-Settings.__doc__ = f"{Settings.__doc__}\n    Parameters\n    ----------\n" + "".join(
-    f"    {name} : {declared.allowed}\n        {declared.help.replace('millimeters', 'meters')}.\n"
+PARAMETERS = "".join(
+    f"{name} : {declared.allowed}\n    {declared.help.replace('millimeters', 'meters')}.\n"
     for name, declared in DECLARED.items()
+)
+Settings.__doc__ = inspect.cleandoc(Settings.__doc__ or "").replace(
+    "Raises\n", f"Parameters\n----------\n{PARAMETERS}\nRaises\n", 1
 )
 
 

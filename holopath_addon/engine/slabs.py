@@ -1,6 +1,6 @@
-"""Slabs of depth that recording planes share a scene in.
+"""Slabs of depth, which divide a scene among recording planes.
 
-They overlap: a surface that goes on from one into the next fades out of the one as it fades into the other.
+They overlap: a surface that continues from one into the next fades out of the first as it fades into the second.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-RAMP = 0.15  # of the thinner of two slabs: how far their overlap reaches to either side of the boundary
-DEPTH_BINS = 128  # that slabs are fitted to
+RAMP = 0.15  # half of the overlap of two slabs, fraction of the thinner one
+DEPTH_BINS = 128  # resolution of depths for the boundaries of slabs
 
 
 @dataclass(frozen=True)
 class Slab:
-    """Depths z between two ramps, metres from the SLM; infinite where there is no other slab.
+    """Range of depths z between two ramps, meters from the SLM; infinite where there is no other slab.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Slab:
         return math.isfinite(self.far[0]) or math.isfinite(self.near[0])
 
     def holds(self, z: ArrayLike) -> np.ndarray:
-        """Whether surfaces at depths z have a share in the slab; not NaN."""
+        """Whether surfaces at depths z contribute to the slab; false for NaN."""
         return (np.asarray(z) > self.far[0]) & (np.asarray(z) < self.near[1])
 
 
@@ -50,7 +50,13 @@ EVERYWHERE = Slab()
 
 
 def overlapping(parts: Sequence[tuple[float, float]]) -> list[Slab]:
-    """Slabs around depth ranges, (low, high) each, from low to high: they meet in the middle between two."""
+    """Slabs around depth ranges, which meet in the middle between two.
+
+    Parameters
+    ----------
+    parts : sequence of (float, float)
+        Ranges (low, high), from low to high, meters from the SLM.
+    """
     ends = [parts[0][0], *(0.5 * (a[1] + b[0]) for a, b in pairwise(parts)), parts[-1][1]]
     ramps = [(-math.inf, -math.inf)]
     for before, end, after in zip(ends, ends[1:], ends[2:], strict=False):
@@ -60,23 +66,24 @@ def overlapping(parts: Sequence[tuple[float, float]]) -> list[Slab]:
     return [Slab(far, near) for far, near in pairwise(ramps)]
 
 
-def partitions(cost: np.ndarray, most: int) -> list[list[tuple[int, int]]]:
-    """Cut a row of bins into 1, 2, ... up to `most` parts, so that each number of parts costs the least.
+def partitions(cost: np.ndarray, max_parts: int) -> list[list[tuple[int, int]]]:
+    """Cut a row of bins into 1, 2, ... parts at the minimum total cost for each number of parts.
 
     Parameters
     ----------
     cost : numpy.ndarray, shape (bins, bins)
-        Of one part from bin i to bin j.
-    most : int
+        Cost of one part from bin i to bin j.
+    max_parts : int
+        Largest number of parts.
 
     Returns
     -------
     list of list of (int, int)
-        First and last bin of each part.
+        For each number of parts, the first and last bin of each part.
     """
     best, cuts = cost[0], []
-    found = [[(0, len(cost) - 1)]]
-    for _ in range(min(most, len(cost)) - 1):
+    results = [[(0, len(cost) - 1)]]
+    for _ in range(min(max_parts, len(cost)) - 1):
         options = best[:-1, None] + cost[1:]
         options[np.tril_indices_from(options)] = np.inf
         cuts.append(options.argmin(0))
@@ -86,17 +93,19 @@ def partitions(cost: np.ndarray, most: int) -> list[list[tuple[int, int]]]:
             begin = int(cut[end]) + 1
             parts.append((begin, end))
             end = begin - 1
-        found.append([(0, end), *parts[::-1]])
-    return found
+        results.append([(0, end), *parts[::-1]])
+    return results
 
 
 def depth_slabs(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
-    """Split depths into at most `count` slabs of the least sum of squared thicknesses.
+    """Split depths into at most `count` slabs with the minimum sum of squared thicknesses.
 
     Parameters
     ----------
     depths : numpy.ndarray
+        Depths of the visible surfaces, finite.
     count : int
+        Maximum number of slabs.
 
     Returns
     -------
@@ -109,7 +118,22 @@ def depth_slabs(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
 
 
 def binned(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lowest and highest depth in each bin that holds any, and the bin of each depth."""
+    """Sort depths into bins of equal width.
+
+    Parameters
+    ----------
+    depths : numpy.ndarray
+        Finite depths.
+    bins : int
+        Number of bins; empty ones are left out of the results.
+
+    Returns
+    -------
+    first, last : numpy.ndarray
+        Lowest and highest depth in each bin.
+    number : numpy.ndarray of int
+        Bin of each depth.
+    """
     low, high = float(depths.min()), float(depths.max())
     number = np.minimum((depths - low) / max(high - low, 1e-12) * bins, bins - 1).astype(
         np.min_scalar_type(bins)
@@ -117,6 +141,6 @@ def binned(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.n
     counts = np.bincount(number, minlength=bins)
     used = counts > 0
     begin = np.append(0, np.cumsum(counts[used])[:-1])
-    ordered = depths[np.argsort(number, kind="stable")]  # of small integers, which is fast
+    ordered = depths[np.argsort(number, kind="stable")]  # fast for small integers
     first, last = (ends.reduceat(ordered, begin).astype(float) for ends in (np.minimum, np.maximum))
     return first, last, (np.cumsum(used) - 1)[number]

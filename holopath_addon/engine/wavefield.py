@@ -1,4 +1,4 @@
-"""The rendered wave field: complex amplitudes at the SLM plane, and their form on disk."""
+"""Wave field: complex amplitudes at the SLM plane, and their files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import InvalidInput
-from .files import earlier, whole_folder
+from .files import overwrite_check, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
 from .memory import on_processor
@@ -21,24 +21,38 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class WaveField:
-    """Complex fields at the SLM plane z = 0.
+    """Complex wave field at the SLM plane z = 0.
 
     Attributes
     ----------
     data : array, complex64, shape (frame, wavelength, y, x)
-        Of NumPy, or of another library of the Array API standard. Row 0 is the top. The frame mean of the intensity
-        refocused at a surface is its radiance.
+        Amplitudes, in NumPy or another library of the Array API standard. Row 0 is the top. The frame mean of the
+        intensity, refocused at a surface, is the surface's radiance.
     hologram : Hologram
     camera : Camera
     near : float
-        World depth in metres at the volume's near end.
+        World depth at the volume's near end, meters.
     plan, report : dict
-        What was planned, and seconds and rays per stage.
+        The plan as of `Plan.to_dict`, and seconds and rays of each stage.
     modulated : bool
-        Whether it is the light of a modulator, which fills aperture and band to their edges, so that more of it strays.
+        Whether this is the light of a modulator, which fills aperture and band to their edges and needs a wider guard
+        band.
     more : numpy.ndarray, complex64, or None
-        Of the same shape but for the number of frames: the first of `engine.many_frames`, which an encoding goes
-        towards. Not saved.
+        The first of `engine.many_frames`, targets for an encoding: the same shape with another number of frames. Not
+        saved.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> hologram = engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> camera = engine.Camera(np.eye(4), 0.5)
+    >>> field = engine.WaveField(np.ones((1, 1, 32, 32), np.complex64), hologram, camera, near=0.5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     field.save(f"{folder}/wavefield")
+    ...     bool((engine.WaveField.load(f"{folder}/wavefield").data == field.data).all())
+    True
     """
 
     data: np.ndarray = field(repr=False)
@@ -61,17 +75,17 @@ class WaveField:
         Parameters
         ----------
         folder : path
-            Replaced if it holds an earlier wave field.
+            New or empty folder, or one of an earlier wave field, which is replaced.
 
         Raises
         ------
         InvalidInput
-            If the folder exists and is not a wave field's.
+            If the folder holds other files.
         OSError
             If it cannot be written; nothing is left behind.
         """
         with whole_folder(
-            folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
+            folder, overwrite_check("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
         ) as part:
             np.save(part / "field.npy", on_processor(self.data))
             self.hologram.optics.save(part)
@@ -95,20 +109,24 @@ class WaveField:
 
     @classmethod
     def load(cls, folder: Path | str) -> WaveField:
-        """Read what `save` wrote; the field is memory-mapped.
+        """Read the folder of `save`; the field is memory-mapped.
+
+        Parameters
+        ----------
+        folder : path
 
         Raises
         ------
         InvalidInput
-            If the folder holds no readable wave field.
+            If the folder holds no readable wave field of this version.
         """
         folder = Path(folder)
         try:
             meta = json.loads((folder / "meta.json").read_text())
             if meta["format_version"] != FORMAT_VERSION:
                 raise InvalidInput(
-                    f"{folder} has format version {meta['format_version']}, this HoloPath reads "
-                    f"{FORMAT_VERSION}: render it again."
+                    f"Expected format version {FORMAT_VERSION}, got {meta['format_version']} in {folder}. "
+                    "Render it again."
                 )
             data = np.load(folder / "field.npy", mmap_mode="r", allow_pickle=False)
             hologram = Hologram.from_dict(meta["hologram"], folder)
@@ -116,13 +134,13 @@ class WaveField:
             near = float(meta["near_m"])
         except FileNotFoundError as error:
             raise InvalidInput(
-                f"{folder} holds no wave field ({Path(error.filename).name} is missing): render one first."
+                f"{folder} holds no wave field ({Path(error.filename).name} is missing). Render one first."
             ) from None
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InvalidInput):
                 raise
-            raise InvalidInput(f"{folder} holds a damaged wave field ({error}): render it again.") from None
+            raise InvalidInput(f"{folder} holds a damaged wave field ({error}). Render it again.") from None
         expected = (len(hologram.wavelengths), hologram.height, hologram.width)
         if data.ndim != 4 or data.shape[1:] != expected or data.dtype != np.complex64:
-            raise InvalidInput(f"{folder}/field.npy does not fit its meta.json: render it again.")
+            raise InvalidInput(f"{folder}/field.npy does not fit its meta.json. Render it again.")
         return cls(data, hologram, camera, near, meta.get("plan", {}), meta.get("report", {}))

@@ -1,8 +1,7 @@
 """The LLVM of PyPI's package llvm-nanobind, which `pip install holopath[llvm]` brings.
 
-It is a shared library beside a Python module that nobody imports here. Its file has a name of its own, so that it is
-named to Dr.Jit in `DRJIT_LIBLLVM_PATH`. HoloPath's own package holopath_llvm has it under its usual name, and comes
-first.
+It is a shared library beside a Python module that is not imported here. As its file has an unusual name, Dr.Jit gets it
+from the variable `DRJIT_LIBLLVM_PATH`. HoloPath's own package holopath_llvm has the usual name and takes precedence.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ import sysconfig
 from pathlib import Path
 
 PIN = "llvm-nanobind==21.1.6.3"  # as in the extra `llvm` of pyproject.toml
-OLDEST_PYTHON = (3, 12)  # that pip installs it for; the library itself asks for none
+OLDEST_PYTHON = (3, 12)  # for which pip installs it; the library itself needs no Python
 
-# The library, from the folder that holds the Python module `llvm`.
+# Path of the library below the folder that holds the Python module `llvm`.
 _PATTERNS = {
     "linux": "llvm_nanobind.libs/libLLVM-*.so*",
     "darwin": "llvm_nanobind.dylibs/libLLVM*.dylib",
@@ -27,11 +26,12 @@ _PATTERNS = {
 
 
 def library() -> Path | None:
-    """Path of the library where the package is installed. Loads nothing.
+    """Path of the library, without loading it.
 
     Returns
     -------
     Path or None
+        None if the package is not installed.
     """
     module, pattern = importlib.util.find_spec("llvm"), _PATTERNS.get(sys.platform)
     if module is None or pattern is None:
@@ -40,10 +40,10 @@ def library() -> Path | None:
     return next((path for folder in folders for path in sorted(folder.glob(pattern))), None)
 
 
-def name() -> None:
-    """Have Dr.Jit take this LLVM, if it is imported later.
+def set_library_variable() -> None:
+    """Have Dr.Jit use this LLVM when it is imported.
 
-    Not where it was imported before, where somebody has named another, or where HoloPath's own LLVM is installed.
+    Does nothing if Dr.Jit is imported already, the variable names another LLVM, or HoloPath's own is installed.
     """
     if (
         "drjit" in sys.modules
@@ -56,10 +56,9 @@ def name() -> None:
 
 
 def command() -> str:
-    """The command that brings this LLVM to the Python that runs this, to be pasted into a shell.
+    """Shell command that installs this LLVM for the running Python.
 
-    pip refuses the package for a Python older than `OLDEST_PYTHON`. It takes it there into a folder that is named,
-    and the library serves any Python.
+    For a Python older than `OLDEST_PYTHON` pip refuses the package, unless it installs into a named folder.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Operators: thin, over the plain functions of `session` and `pipeline`."""
+"""Operators: thin, over plain functions of `session`, `devices` and `workflow`."""
 
 from . import animation, baked, demos, field, focus_list, hologram, pictures, rendering, streaming
 

@@ -1,7 +1,8 @@
-"""An animation that a process of its own renders, while the window stays free; what this Blender knows of it.
+"""Animations that another process renders while the window stays usable.
 
-The process works on a copy of the file as it was when it was started. Frames are whole folders, and those that are done
-are found again, so that it may end at any time: it is canceled when its standard input ends, with this Blender at last.
+The process works on a copy of the file as it was at the start. Each frame is a folder that is written as a whole, and
+finished frames are skipped, so the process may end at any time. It ends when its standard input ends, at the latest
+with this Blender.
 """
 
 import json
@@ -26,35 +27,35 @@ from ..farm.job import job_of
 from ..workflow import failures
 from . import session
 from .hologram import ENOUGH_BITS
-from .working import push_undo
+from .modal_operator import push_undo
 
-REDRAW = 0.5  # seconds between two looks for news
-UNTITLED = "untitled.blend"  # of a file that is not saved yet
-ENOUGH = 0.2  # of a frame, after which the time of the others is told
+REDRAW_INTERVAL = 0.5  # seconds
+UNTITLED = "untitled.blend"  # name of a file that was never saved
+MIN_FRAME_FRACTION = 0.2  # fraction of a frame from which the remaining time is estimated
 _NOTE = re.compile(r"(?:frame_\d+: )?note: (.*)")
-_MAKING = re.compile(r"(Light|Frame -?\d+): (.*)")
+_ACTIVITY = re.compile(r"(Light|Frame -?\d+): (.*)")
 
 
 @dataclass
 class Background:
-    """An animation in work, or the last one.
+    """The running animation, or the last one.
 
     Attributes
     ----------
     file : str
-        Name of the .blend that it is of.
+        Name of its .blend.
     count : int
-        Of its frames.
+        Number of its frames.
     done : float
-        0..1, frames that were there before included.
+        Progress, 0 to 1; frames that existed before count.
     message : str
-        What is being done.
+        Current activity.
     lighting : bool
-        Whether that is for the light of all frames, before the first one.
+        Whether that is the light of all frames, before the first one.
     notes : list of str
-        What is to be known of the results.
+        Notes on the results.
     error : str
-        Why it failed, in one sentence; empty if it did not.
+        Failure in one sentence; empty without one.
     canceled : bool
     ended : bool
     """
@@ -70,26 +71,36 @@ class Background:
     ended: bool = True
     _process: subprocess.Popen | None = None
     _thread: threading.Thread | None = None
-    _begun: tuple | None = None  # when the first frame was that was not there before, and how far all was
-    _end: float | None = None  # when all will be done, as the frames so far tell
+    _first_report: tuple | None = None  # time of the first report of a new frame, and its progress
+    _end_time: float | None = None  # estimated
 
     @property
     def frame(self):
-        """Which of the frames is in work, from 1 on."""
+        """Number of the current frame, from 1 on."""
         return min(self.finished + 1, self.count)
 
     @property
     def finished(self):
-        """How many frames are done."""
+        """Number of finished frames."""
         return int(self.done * self.count + 1e-6)
 
     @property
     def remaining(self):
-        """Seconds left, as the frames so far tell; None while that is too little."""
-        return None if self._end is None else max(0.0, self._end - time.monotonic())
+        """Estimated seconds left; None at the start, when there is too little to estimate from."""
+        return None if self._end_time is None else max(0.0, self._end_time - time.monotonic())
 
     def start(self, command, environment, folder, clear):
-        """Have the process work in a folder; `clear()` is called after its end."""
+        """Start the process.
+
+        Parameters
+        ----------
+        command : list of str
+        environment : dict of str to str
+        folder : Path
+            Working directory.
+        clear : callable
+            Called without arguments after the end.
+        """
         self._process = subprocess.Popen(
             command,
             cwd=folder,
@@ -100,22 +111,22 @@ class Background:
             text=True,
             encoding="utf-8",
             errors="replace",
-            start_new_session=True,  # Ctrl-C in a terminal is for Blender
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # of Windows alone
+            start_new_session=True,  # Ctrl-C in a terminal goes to Blender
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows only
         )
         self.ended = False
         self._thread = threading.Thread(target=self._follow, args=(clear,), name="HoloPath", daemon=True)
         self._thread.start()
 
     def cancel(self):
-        """Have it stop soon; frames that are done stay."""
+        """End the process soon; finished frames stay."""
         if not self.ended and not self.canceled:
             self.canceled = True
             assert self._process is not None and self._process.stdin is not None
             self._process.stdin.close()
 
     def wait(self, seconds=None):
-        """Wait for its end; True if it has ended."""
+        """Wait for the end, for at most some seconds if given; whether it has ended."""
         if self._thread is not None:
             self._thread.join(seconds)
         return self.ended
@@ -125,53 +136,57 @@ class Background:
         assert process is not None and process.stderr is not None
         try:
             for line in process.stderr:
-                self._hear(line.strip())
+                self._read_line(line.strip())
             status = process.wait()
             if status != failures.DONE and not self.canceled and not self.error:
-                self.error = _died(status)
+                self.error = _death_message(status)
         finally:
             clear()
             self.ended = True
 
-    def _hear(self, line):
-        """A line of `cli.attended`, the sentence of a failure, or what Blender prints."""
+    def _read_line(self, line):
+        """Read a line of standard error: a report of `cli.supervised`, a failure, or a message of Blender's."""
         if line.startswith("holopath: "):
             if not self.canceled:
                 self.error = line.removeprefix("holopath: ")
             return
         try:
-            told = json.loads(line) if line.startswith("{") else {}
+            report = json.loads(line) if line.startswith("{") else {}
         except ValueError:
             return
-        note = _NOTE.fullmatch(told.get("say", ""))
+        note = _NOTE.fullmatch(report.get("say", ""))
         if note and note[1] not in self.notes:
             self.notes.append(note[1])
-        if "skipped" in told.get("say", ""):  # it took no time
-            self._begun = None
-        if "done" in told:
-            making = _MAKING.fullmatch(told["message"])
-            self.done, self.message = told["done"], making[2] if making else told["message"]
-            self.lighting = bool(making and making[1] == "Light")
+        if "skipped" in report.get("say", ""):  # it took no time
+            self._first_report = None
+        if "done" in report:
+            activity = _ACTIVITY.fullmatch(report["message"])
+            self.done, self.message = report["done"], activity[2] if activity else report["message"]
+            self.lighting = bool(activity and activity[1] == "Light")
             self._estimate()
 
     def _estimate(self):
         now = time.monotonic()
-        if self._begun is None or self.lighting:
-            self._begun = now, self.done
-        began, there = self._begun
-        made = self.done - there
-        self._end = now + (now - began) * (1 - self.done) / made if made * self.count > ENOUGH else None
+        if self._first_report is None or self.lighting:
+            self._first_report = now, self.done
+        start, done_before = self._first_report
+        done_since = self.done - done_before
+        self._end_time = (
+            now + (now - start) * (1 - self.done) / done_since
+            if done_since * self.count > MIN_FRAME_FRACTION
+            else None
+        )
 
 
 current = Background()
 
 
-def _died(status):
-    """Why a process ended that could not say so."""
+def _death_message(status):
+    """Message for a process that ended with a status and no message."""
     how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
     return (
-        f"The background process {how}, perhaps for want of memory: press Render Animation again, and it goes on after "
-        "the frames that are done."
+        f"The background process {how}, perhaps for lack of memory: press Render Animation again to continue after the "
+        "finished frames."
     )
 
 
@@ -181,17 +196,25 @@ def running():
 
 
 def frames_of(scene):
-    """Numbers of the frames of an animation."""
+    """Numbers of the frames of a `bpy.types.Scene`, as a range."""
     return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
 
 def folder_of(scene):
     """Folder of an animation's frames.
 
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+
+    Returns
+    -------
+    Path
+
     Raises
     ------
     engine.InvalidInput
-        If there is none.
+        If no folder is set, or it is relative to a file that was never saved.
     """
     path = properties.of(scene).animation_folder
     if not path or (path.startswith("//") and not bpy.data.filepath):
@@ -202,17 +225,20 @@ def folder_of(scene):
 
 
 def start(scene, view_layer):
-    """Have a process render the animation of a scene as it is now; how that goes is told by `current`.
+    """Start a process that renders the animation of a scene as it is now; `current` has its progress.
 
     Parameters
     ----------
     scene : bpy.types.Scene
+        Scene of the window.
     view_layer : bpy.types.ViewLayer
-        Those of the window.
+        View layer of the window.
 
     Raises
     ------
-    engine.InvalidInput, OSError
+    engine.InvalidInput
+        If the folder, the bench or the command cannot be used.
+    OSError
     """
     global current
     changed = bpy.data.is_dirty
@@ -221,7 +247,7 @@ def start(scene, view_layer):
     try:
         folder = folder_of(scene)
         _check_free(folder, name, scene.name)
-        copy = _copied(folder, name)
+        copy = _save_copy(folder, name)
         try:
             words = [*_words(properties.of(scene), copy, folder), *_opened(scene, view_layer)]
             current.start(*_command(words, bpy.app.binary_path), folder, lambda: _remove(copy))
@@ -235,13 +261,13 @@ def start(scene, view_layer):
         if changed and not bpy.app.background:
             bpy.app.timers.register(_mark_as_changed)
     if not bpy.app.background:
-        bpy.app.timers.register(_watch, first_interval=REDRAW, persistent=True)
+        bpy.app.timers.register(_watch, first_interval=REDRAW_INTERVAL, persistent=True)
 
 
 def _check_free(folder, file, scene):
-    """Refuse a folder with the animation of another file or scene, whose frames would be replaced."""
+    """Refuse a folder with the animation of another file or scene: its frames would be replaced."""
     job = job_of(folder)
-    if job is None or job.scene == UNTITLED:  # it may have been saved since
+    if job is None or job.scene == UNTITLED:  # the file may have been saved since
         return
     other = job.words.get("scene_name") or scene
     if (job.scene, other) != (file, scene):
@@ -253,23 +279,23 @@ def _check_free(folder, file, scene):
 
 
 def _opened(scene, view_layer):
-    """Words for what of the file is rendered: what the window shows, with Python where this Blender ran all of it."""
+    """Words for scene and view layer of the window, with Python if this Blender ran the file's."""
     words = [f"--scene-name={scene.name}", f"--view-layer={view_layer.name}"]
     return words if bpy.app.autoexec_fail else [*words, "--run-scripts"]
 
 
-def _copied(folder, name):
-    """The file as it is now, in a hidden folder with its baked simulations, which Blender looks for beside it."""
-    from ..cli.attended import COPY  # with all commands: not before one is wanted
+def _save_copy(folder, name):
+    """Save a copy of the file into a hidden folder, with its baked simulations, which Blender expects beside it."""
+    from ..cli.supervised import COPY_PREFIX  # it imports all commands
 
     folder.mkdir(parents=True, exist_ok=True)
-    own = Path(tempfile.mkdtemp(prefix=COPY, dir=folder))
+    own = Path(tempfile.mkdtemp(prefix=COPY_PREFIX, dir=folder))
     copy = own / name
     baked = f"blendcache_{copy.stem}"
     try:
-        told = {"copy": True, "relative_remap": True, "compress": False, "check_existing": False}
-        bpy.ops.wm.save_as_mainfile(filepath=str(copy), **told)
-        if not _whole(copy):
+        options = {"copy": True, "relative_remap": True, "compress": False, "check_existing": False}
+        bpy.ops.wm.save_as_mainfile(filepath=str(copy), **options)
+        if not _is_whole(copy):
             raise RuntimeError("No space left")
         source = Path(bpy.data.filepath).with_name(baked) if bpy.data.filepath else None
         if source and source.is_dir():
@@ -286,8 +312,8 @@ def _copied(folder, name):
     return copy
 
 
-def _whole(copy):
-    """Whether a .blend was written to its end: where the disk is full Blender may say nothing."""
+def _is_whole(copy):
+    """Whether a .blend was written to its end: on a full disk Blender may report nothing."""
     with open(copy, "rb") as file:
         file.seek(-min(64, copy.stat().st_size), os.SEEK_END)
         return b"ENDB" in file.read()
@@ -296,18 +322,18 @@ def _whole(copy):
 def _link(source, target):
     try:
         os.link(source, target)
-    except OSError:  # of another disk
+    except OSError:  # on another disk
         shutil.copy2(source, target)
 
 
 def _remove(copy):
     shutil.rmtree(copy.parent, ignore_errors=True)
     with suppress(OSError):
-        copy.parent.parent.rmdir()  # if nothing came of it
+        copy.parent.parent.rmdir()  # if it is empty
 
 
 def _words(props, copy, folder):
-    """Of the command: focus and pupil are looked through, and so no settings of the file for it."""
+    """Words of the command: the scene, and the focus and pupil, which it does not read from the file."""
     words = ["render", str(copy), "--animation", "--attended", "--out", str(folder)]
     focus = properties.focus_list_of(props) if len(props.focus_list) else []
     if not props.focus_auto:
@@ -326,7 +352,7 @@ def _words(props, copy, folder):
 
 
 def _measured_bench(props):
-    """Words for what was measured of the bench: the copy of the .blend does not lie where its paths begin."""
+    """Words for measured files of the bench: the copy of the .blend lies elsewhere than their relative paths start."""
     files = {
         role: Path(bpy.path.abspath(path)).absolute() for role, path in files_of(props.optics).items() if path
     }
@@ -346,7 +372,7 @@ def _measured_bench(props):
 
 
 def _encoding(props):
-    """Words for phases, as *Encode* makes them."""
+    """Words for encoding phases like *Encode*."""
     words, seconds = ["--encode", props.encoding], properties.encode_seconds_of(props)
     if seconds is not None:
         words += ["--encode-seconds", repr(seconds)]
@@ -361,17 +387,17 @@ def _encoding(props):
 
 
 def _command(words, blender):
-    """What runs the words, and its environment: this Blender, or this Python where Blender is its module.
+    """Command that runs words, and its environment: this Blender, or this Python if Blender is its module.
 
-    Machines of a cluster have Python and no Blender, and want to be spoken with by the same.
+    A cluster's machines have Python without Blender, and its client must be the same.
     """
     environment = preferences.environment()
     if blender and "--cluster" in words:
         command = shutil.which("holopath")
         if command is None:
             raise engine.InvalidInput(
-                "A cluster is spoken with by the command holopath, which is not found: install what its machines have "
-                "(HoloPath and `pip install distributed`), and start Blender where that is on the PATH."
+                "A cluster needs the command holopath, which was not found: install what its machines have (HoloPath "
+                "and `pip install distributed`), and start Blender with it on the PATH."
             )
         return [command, *words], environment
     if not blender:
@@ -379,24 +405,24 @@ def _command(words, blender):
         places = str(package.parent), environment.get("PYTHONPATH")
         path = {"PYTHONPATH": os.pathsep.join(filter(None, places))}
         return [sys.executable, "-m", package.name, *words], environment | path
-    enabled = "--addons", preferences.ADDON  # which preferences on disk may not know yet
+    enabled = "--addons", preferences.ADDON  # the preferences on disk may not list it yet
     return [blender, "--background", *enabled, "--command", "holopath", *words], environment
 
 
 def _mark_as_changed():
-    """Have Blender ask for unsaved changes as before: the copy that was saved clears its mark, some events later."""
+    """Mark the file as changed again: saving the copy clears Blender's mark, some events later."""
     push_undo("Render Animation")
 
 
 def _watch():
-    """Redraw the panels while there may be news; as a timer."""
-    going = running()
+    """Redraw the panels while the process runs; as a timer."""
+    active = running()
     session.redraw(images=False)
-    return REDRAW if going else None
+    return REDRAW_INTERVAL if active else None
 
 
 def detach():
-    """Stop the work and forget it."""
+    """Stop the animation and forget it."""
     global current
     for timer in (_watch, _mark_as_changed):
         if bpy.app.timers.is_registered(timer):

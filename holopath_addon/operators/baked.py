@@ -1,28 +1,28 @@
-"""Bake the scene's light ahead of rendering, look at it, and delete it."""
+"""Operators for baked light: bake it before rendering, show it, and delete it."""
 
 import bpy
 from bpy.props import BoolProperty
 
 from ..blender import preferences
 from . import session
-from .working import Working, export, free, present, ready
+from .modal_operator import ModalOperator, check_poll, export, is_free, present
 
-ANEW = "Bake all of it again, and keep that in place of what was baked before"
+ANEW = "Bake all of it again, in place of the light that was baked before"
 
 
-class HOLOPATH_OT_bake(Working, bpy.types.Operator):
-    """Bake the diffuse light that the camera sees; rendering takes it from there, whatever the focus"""
+class HOLOPATH_OT_bake(ModalOperator, bpy.types.Operator):
+    """Bake the diffuse light that the camera sees; renders at any focus use it"""
 
     bl_idname = "holopath.bake"
     bl_label = "Bake"
-    doing = "baking"
+    activity = "baking"
 
     anew: BoolProperty(name="Anew", description=ANEW, options={"SKIP_SAVE"})
     show: BoolProperty(name="Show", description="Show the texture at the end", options={"SKIP_SAVE"})
 
     @classmethod
     def description(cls, context: bpy.types.Context, settings):
-        """Tooltip, by what the button does."""
+        """Tooltip of the button's variant."""
         if settings.show:
             return HOLOPATH_OT_show_texture.__doc__
         return ANEW if settings.anew else cls.__doc__
@@ -37,11 +37,11 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
         return bake
 
     def finish(self, context: bpy.types.Context, result):
-        task, texture, done = result
-        session.keep_baked(task, texture, done)
+        task, texture, bake = result
+        session.keep_bake(task, texture, bake)
         if self.show:
             self.present(context, session.show_texture())
-        return "Light taken from disk" if done.reused == "all" else "Light baked"
+        return "Light taken from disk" if bake.reused == "all" else "Light baked"
 
 
 class HOLOPATH_OT_show_texture(bpy.types.Operator):
@@ -53,7 +53,7 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         baked = context.scene is not None and session.texture_of(context.scene) is not None
-        return ready(cls, baked, "Nothing is baked yet: press Bake") and free(cls)
+        return check_poll(cls, baked, "Nothing is baked yet: press Bake") and is_free(cls)
 
     def execute(self, context: bpy.types.Context):
         present(context, session.show_texture())
@@ -61,14 +61,14 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
 
 
 class HOLOPATH_OT_clear_baked(bpy.types.Operator):
-    """Delete all baked light that is kept on disk, of every scene"""
+    """Delete the baked light of all scenes from disk"""
 
     bl_idname = "holopath.clear_baked"
     bl_label = "Clear"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return ready(cls, preferences.store().files(), "No baked light is kept on disk") and free(cls)
+        return check_poll(cls, preferences.store().files(), "No baked light is on disk") and is_free(cls)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         return bpy.data.window_managers[0].invoke_confirm(

@@ -1,11 +1,11 @@
-"""Add > HoloPath Demo: example scenes, each in a new scene of the file."""
+"""Operator of Add > HoloPath Demo: example scenes, each as a new scene of the file."""
 
 import bpy
 from bpy.props import EnumProperty
 
 from ..blender import demo, properties
 from . import focus_list
-from .working import ready
+from .modal_operator import check_poll
 
 
 class HOLOPATH_OT_add_demo(bpy.types.Operator):
@@ -26,7 +26,7 @@ class HOLOPATH_OT_add_demo(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return ready(cls, context.mode == "OBJECT", "Change to Object Mode first")
+        return check_poll(cls, context.mode == "OBJECT", "Change to Object Mode first")
 
     def execute(self, context: bpy.types.Context):
         scene = demo.add(self.name)
@@ -34,8 +34,8 @@ class HOLOPATH_OT_add_demo(bpy.types.Operator):
         scene.render.engine = "HOLOPATH"
         distances = demo.FOCUS[self.name]
         properties.note_focus(properties.of(scene), distances[0])
-        for metres in distances:
-            focus_list.add(properties.of(scene), metres)
+        for distance in distances:
+            focus_list.add(properties.of(scene), distance)
         if context.window is not None:
             context.window.scene = scene
         space = context.space_data

@@ -1,4 +1,4 @@
-"""What this Blender session knows of devices: what streams, the controller, the virtual bench."""
+"""State of the devices in this Blender session: the stream, the controller and the virtual bench."""
 
 import dataclasses
 import threading
@@ -12,31 +12,31 @@ from . import session
 from .jobs import Job
 
 CAMERA = "HoloPath Camera"
-PATIENCE = 3.0  # seconds that a device is given to let go
+RELEASE_TIMEOUT = 3.0  # seconds to wait for a device to stop
 
 
 @dataclass
 class Devices:
-    """State of the running Blender; nothing of it belongs to the .blend.
+    """State of the running Blender, of which nothing is saved in the .blend.
 
     Attributes
     ----------
     job : Job or None
-        That streams, or streamed last.
+        Current or last stream.
     counts : slm.Counts or None
-        Of the pictures, as the job last told.
+        Counts of its pictures at its last report.
     driver : slm.Driver or None
-        That streams, or streamed last; a virtual one still has what it was shown.
+        Its driver; a virtual one still has the last picture.
     phase : engine.PhaseHologram or None
-        That it shows.
+        Its hologram.
     controller : slm.Controller or None
-        Open, of focus and triggers.
+        Open controller of focus and triggers.
     port : tuple
-        Name and speed of its port, as they are set.
+        Name and baud rate of the controller's port, as set.
     error : str
-        Last failure in one sentence; empty if there was none.
+        Last failure in one sentence; empty without one.
     timer : bpy.types.Timer or None
-        Of the operator that watches the job.
+        Timer of the operator that watches the stream.
     """
 
     job: Job | None = None
@@ -53,41 +53,49 @@ current = Devices()
 
 
 def streaming():
-    """Whether pictures are being shown."""
+    """Whether a stream is running."""
     return current.job is not None and current.job.running
 
 
-def fail(error):
-    """Remember a failure; its sentence."""
+def record_error(error):
+    """Keep a failure for the panel.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    str
+        Its sentence; empty for a cancellation.
+    """
     current.error = "" if failures.cancelled(error) else failures.sentence(error)
     return current.error
 
 
 def stream(driver, sequence, rate, loops, trigger, patience):
-    """The work of showing a sequence, which is not begun yet.
+    """Prepare a stream.
 
     Parameters
     ----------
     driver : slm.Driver
     sequence : slm.Sequence
-    rate : float or None
-    loops : int or None
-    trigger : callable or None
-    patience : float
-        See `slm.stream`.
+    rate, loops, trigger, patience
+        As in `slm.stream`.
 
     Returns
     -------
     Job
+        Not started yet.
     """
 
     def work(progress):
-        def told(counts):
-            if current.job is job:  # else another file has been opened
+        def on_progress(counts):
+            if current.job is job:  # otherwise another file was opened
                 current.counts = dataclasses.replace(counts)
             progress((counts.shown + counts.dropped) / counts.total if counts.total else 0.0, str(counts))
 
-        return slm.stream(sequence, driver, rate, loops, told, trigger, patience)
+        return slm.stream(sequence, driver, rate, loops, on_progress, trigger, patience)
 
     current.driver, current.phase, current.counts, current.error = driver, sequence.holograms[0], None, ""
     job = current.job = Job(work)
@@ -95,13 +103,25 @@ def stream(driver, sequence, rate, loops, trigger, patience):
 
 
 def controller(port, baud):
-    """The controller on a port: the device's own while it streams there, or one that stays open once it is used.
+    """Controller on a port: that of the stream if it uses the port, or one that stays open.
 
-    Many controllers restart when their port is opened, and would forget where the focus is.
+    Many controllers restart when their port is opened, and would lose the position of the focus.
+
+    Parameters
+    ----------
+    port : str
+        Name of the serial port; empty: the only one.
+    baud : int
+        Baud rate.
+
+    Returns
+    -------
+    slm.Controller
 
     Raises
     ------
     engine.InvalidInput
+        If the port cannot be opened, or no controller answers.
     """
     own = getattr(current.driver, "controller", None)
     if streaming() and own is not None and current.port == (port, baud):
@@ -113,30 +133,39 @@ def controller(port, baud):
 
 
 def release():
-    """Let go of the controller's port."""
-    held, current.controller = current.controller, None
-    if held is not None:
-        held.close()
+    """Close the controller's port."""
+    controller, current.controller = current.controller, None
+    if controller is not None:
+        controller.close()
 
 
-def show(picture, wavelengths):
-    """Put a camera's picture into an image datablock of its own; on the main thread.
+def show(image, wavelengths):
+    """Write a camera's image into its image datablock; on the main thread.
 
     Parameters
     ----------
-    picture : numpy.ndarray, shape (y, x, wavelength)
-        Linear.
+    image : numpy.ndarray, shape (y, x, wavelength)
+        Linear intensities.
     wavelengths : sequence of float
+        Meters.
 
     Returns
     -------
     bpy.types.Image
     """
-    return session.shown(CAMERA, session.picture(picture, wavelengths))
+    return session.write_image(CAMERA, session.to_rgba(image, wavelengths))
 
 
 def load(path):
-    """Put a picture file, which is then no longer needed, into the place of `show`.
+    """Load an image file into the datablock of `show`, packed: the file may be deleted.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    bpy.types.Image
 
     Raises
     ------
@@ -158,41 +187,41 @@ def load(path):
 
 
 def stop(wait=0.0):
-    """Ask what streams to stop; wait at most so many seconds for it."""
+    """Stop the stream, and wait for at most some seconds for its end."""
     if current.job is not None:
         current.job.cancel()
         current.job.wait(wait)
 
 
-def leave(soon=False):
-    """Take the watching operator's timer away, once; `soon` as in `session.take_back`."""
+def end_watching(deferred=False):
+    """Remove the watching operator's timer, once; `deferred` as in `session.end_timer`."""
     timer, current.timer = current.timer, None
     if timer is not None:
-        session.end_timer(timer, soon)
+        session.end_timer(timer, deferred)
 
 
 @bpy.app.handlers.persistent
 def _forget(*_):
-    """Another file is about to be opened: stop, and let go of the devices."""
-    stop(PATIENCE)
-    leave()
-    _let_go()
+    """Stop, and free the devices, before another file is opened."""
+    stop(RELEASE_TIMEOUT)
+    end_watching()
+    _free_devices()
 
 
-def _let_go():
-    held = current.controller
+def _free_devices():
+    controller = current.controller
     current.__dict__.update(vars(Devices()))
-    if held is not None:
-        threading.Thread(target=held.close, daemon=True).start()
+    if controller is not None:
+        threading.Thread(target=controller.close, daemon=True).start()
 
 
 def handlers():
-    """What listens to files being opened: see `registration`."""
+    """Callback for opened files, see `session.handlers`."""
     return [(bpy.app.handlers.load_pre, _forget)]
 
 
 def detach():
-    """Stop all work and forget everything."""
-    stop(PATIENCE)
-    leave(soon=True)
-    _let_go()
+    """Stop all work and free everything."""
+    stop(RELEASE_TIMEOUT)
+    end_watching(deferred=True)
+    _free_devices()

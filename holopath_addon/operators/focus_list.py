@@ -1,16 +1,16 @@
-"""The focus list: distances that focal stacks are made of."""
+"""Operators of the focus list: the distances of focal stacks."""
 
 import bpy
 
 from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
-from .working import ready, refused
+from .modal_operator import check_poll, report_error
 
 
-def _filled(operator, context):
-    """Whether there is a distance in the list; as `ready`."""
-    return ready(operator, properties.of(context.scene).focus_list, "The focus list is empty")
+def _has_distance(operator, context):
+    """Check that the list has a distance, see `check_poll`."""
+    return check_poll(operator, properties.of(context.scene).focus_list, "The focus list is empty")
 
 
 class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
@@ -23,7 +23,7 @@ class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
         add(props, properties.focus_of(props))
-        properties.choose(props, properties.focus_list_of(props).index(properties.focus_of(props)))
+        properties.mark_distance(props, properties.focus_list_of(props).index(properties.focus_of(props)))
         session.redraw()
         return {"FINISHED"}
 
@@ -37,12 +37,12 @@ class HOLOPATH_OT_focus_list_remove(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return _filled(cls, context)
+        return _has_distance(cls, context)
 
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
         props.focus_list.remove(min(props.focus_index, len(props.focus_list) - 1))
-        properties.choose(props, max(0, min(props.focus_index, len(props.focus_list) - 1)))
+        properties.mark_distance(props, max(0, min(props.focus_index, len(props.focus_list) - 1)))
         session.redraw()
         return {"FINISHED"}
 
@@ -56,16 +56,16 @@ class HOLOPATH_OT_focus_list_sort(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return _filled(cls, context)
+        return _has_distance(cls, context)
 
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
         distances = sorted(properties.focus_list_of(props))
         chosen = properties.focus_of(props.focus_list[min(props.focus_index, len(props.focus_list) - 1)])
         props.focus_list.clear()
-        for metres in distances:
-            add(props, metres)
-        properties.choose(props, distances.index(chosen))
+        for distance in distances:
+            add(props, distance)
+        properties.mark_distance(props, distances.index(chosen))
         session.redraw()
         return {"FINISHED"}
 
@@ -80,22 +80,22 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         camera = context.scene and context.scene.camera
-        there = camera is not None and any(thing != camera for thing in context.selected_objects)
-        return ready(cls, there, "Select objects, and give the scene a camera")
+        selected = camera is not None and any(thing != camera for thing in context.selected_objects)
+        return check_poll(cls, selected, "Select objects, and give the scene a camera")
 
     def execute(self, context: bpy.types.Context):
         scene, props = context.scene, properties.of(context.scene)
-        assert scene is not None  # as `poll` has it
+        assert scene is not None  # by `poll`
         depths = {
             thing.name: depth_of(scene.camera, thing, unit_scale(scene))
             for thing in context.selected_objects
             if thing != scene.camera
         }
         behind = ", ".join(name for name, depth in depths.items() if depth <= 0)
-        seen = sorted(depth for depth in depths.values() if depth > 0)
-        if not seen:
-            return refused(self, f"Behind the camera: {behind}. Select objects in front of it.")
-        for depth in seen:
+        visible = sorted(depth for depth in depths.values() if depth > 0)
+        if not visible:
+            return report_error(self, f"Behind the camera: {behind}. Select objects in front of it.")
+        for depth in visible:
             add(props, depth)
         if behind:
             self.report({"WARNING"}, f"Left out, as behind the camera: {behind}.")
@@ -103,12 +103,19 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def add(props, metres):
-    """Add a distance to the end of the list, infinity included, unless it is there."""
-    properties.set_focus(props.focus_list.add(), metres)
-    held = [properties.focus_of(item) for item in props.focus_list]
-    if held[-1] in held[:-1]:
-        props.focus_list.remove(len(held) - 1)
+def add(props, distance):
+    """Add a distance to the end of the list, unless the list has it.
+
+    Parameters
+    ----------
+    props : properties.HoloPathSettings
+    distance : float
+        Meters; may be infinite.
+    """
+    properties.set_focus(props.focus_list.add(), distance)
+    distances = [properties.focus_of(item) for item in props.focus_list]
+    if distances[-1] in distances[:-1]:
+        props.focus_list.remove(len(distances) - 1)
 
 
 CLASSES = (

@@ -1,4 +1,4 @@
-"""Encode the stored wave field for an SLM and its bench, look at the phases and save them."""
+"""Operators on phases: encode the stored wave field for an SLM and its bench, and save the hologram."""
 
 from dataclasses import replace
 
@@ -14,49 +14,47 @@ from ..slm.calibration import colors_of
 from ..workflow import failures, pipeline
 from ..workflow.request import Encoding
 from . import session
-from .working import Saving, Working, encoded, refused, rendered
+from .modal_operator import ModalOperator, SaveOperator, has_field, has_phase, report_error
 
-ENOUGH_BITS = 8  # from here on rounding costs nothing that can be seen
+ENOUGH_BITS = 8  # bits of phase from which rounding has no visible effect
 
 
 def _quality(phase):
-    """How near the phases come to what they are made for: ``, 31.2 dB``."""
+    """PSNR of the phases' last stage against its target, in words: ``, 31.2 dB``; empty if none was measured."""
     stages = phase.report["stages"]
     last = stages[-1]["stage"] if stages else None
-    found = [stage["psnr_db"] for stage in stages if stage["stage"] == last and "psnr_db" in stage]
-    return f", {sum(found) / len(found):.1f} dB" if found else ""
+    psnr = [stage["psnr_db"] for stage in stages if stage["stage"] == last and "psnr_db" in stage]
+    return f", {sum(psnr) / len(psnr):.1f} dB" if psnr else ""
 
 
-class HOLOPATH_OT_encode(Working, bpy.types.Operator):
+class HOLOPATH_OT_encode(ModalOperator, bpy.types.Operator):
     """Turn the stored wave field into the phases that an SLM shows, and show them"""
 
     bl_idname = "holopath.encode"
     bl_label = "Encode"
-    doing = "encoding"
+    activity = "encoding"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return rendered(cls) and super().poll(context)
+        return has_field(cls) and super().poll(context)
 
     def work(self, scene):
-        field, task, before = session.rendered().field, session.current.task, session.current.phase
+        field, task, before = session.stored_refocuser().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
         optics = optics_of(props)
         method, calibration = props.encoding, calibration_of(props.device)
         encoding = Encoding(method, properties.encode_seconds_of(props), properties.eyebox_of(props))
         if calibration is not None:
-            levels, display = (
-                calibration.levels_of(field.hologram),
-                calibration.display(field.hologram.wavelengths),
-            )
+            levels = calibration.levels_of(field.hologram)
+            display = calibration.display(field.hologram.wavelengths)
             encoding = replace(encoding, levels=levels, display=display)
         elif props.bits < ENOUGH_BITS:
             encoding = replace(encoding, bits=props.bits)
-        wanted = preferences.wanted()
+        backend = preferences.chosen_backend()
 
         def encode(job, progress):
             scene = ()
-            if task is not None and field.report.get("variant") == variants.activate(wanted):
+            if task is not None and field.report.get("variant") == variants.activate(backend):
                 scene = task.exported.scene, task.request.settings, task.request.store
             elif method == "refine":
                 raise engine.InvalidInput(
@@ -72,7 +70,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
 
         return encode
 
-    def stopped(self):
+    def cancel_message(self):
         return "Canceled" if session.current.phase is None else "Canceled, the last hologram stays"
 
     def finish(self, context: bpy.types.Context, result):
@@ -83,7 +81,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         props = self.scene_settings()
         self.present(context, session.show_phase(props.phase_frame if props else 0))
         if props and props.refocused == "PHASE":
-            session.refocus_as_set(props)
+            session.refocus_by_settings(props)
         if phase.report.get("advice"):
             self.report({"INFO"}, phase.report["advice"])
         return (
@@ -91,26 +89,26 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         )
 
 
-class HOLOPATH_OT_save_hologram(Saving, bpy.types.Operator):
-    """Write the phases to a folder: phase.npy, and for each frame and colour a picture of 8 bits as an SLM takes it"""
+class HOLOPATH_OT_save_hologram(SaveOperator, bpy.types.Operator):
+    """Write the phases to a folder: phase.npy, and for each frame and color an 8-bit picture for an SLM"""
 
     bl_idname = "holopath.save_hologram"
     bl_label = "Save Hologram"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return encoded(cls) and super().poll(context)
+        return has_phase(cls) and super().poll(context)
 
-    def what(self):
-        return session.encoded()
+    def content(self):
+        return session.encoded_hologram()
 
     @staticmethod
-    def write(what, folder, progress):
-        what.save(folder, progress)
+    def write(content, folder, progress):
+        content.save(folder, progress)
 
 
 class HOLOPATH_OT_colors_from(bpy.types.Operator):
-    """Take where each color lies from a calibration of all wavelengths, as its camera saw them"""
+    """Take the place and scale of each color from a calibration of all wavelengths, as its camera saw them"""
 
     bl_idname = "holopath.colors_from"
     bl_label = "From Calibration"
@@ -129,7 +127,7 @@ class HOLOPATH_OT_colors_from(bpy.types.Operator):
             panel = replace(hologram, optics=hologram.optics.of_rays)
             set_colors(props.optics, colors_of(bpy.path.abspath(self.filepath), panel))
         except Exception as error:
-            return refused(self, failures.sentence(error))
+            return report_error(self, failures.sentence(error))
         return {"FINISHED"}
 
 

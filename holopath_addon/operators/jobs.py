@@ -1,4 +1,4 @@
-"""Work in a thread that reports progress and can be cancelled, and work that only the main thread may do."""
+"""Jobs: work in a thread that reports progress, can be canceled, and has the main thread call functions."""
 
 import threading
 import time
@@ -10,35 +10,37 @@ import bpy
 from .. import engine
 from ..engine.progress import Compiling
 
-# The main thread may be busy with a dialog, or wait for this very thread.
-PATIENCE = 10.0  # seconds
+# Seconds after which a call is no longer left to the main thread, which may show a dialog or wait for this very thread.
+MAIN_THREAD_TIMEOUT = 10.0
 
 
-def on_main_thread(work):
-    """Have something done where Blender's data may be changed, and wait for it.
+def run_on_main_thread(work):
+    """Call a function where Blender's data may be changed, and wait for it.
+
+    If the main thread does not take it up, it is called in this one.
 
     Parameters
     ----------
     work : callable
-        Without arguments.
+        Called without arguments.
 
     Returns
     -------
     object
-        What `work` returns or raises. Where the main thread does not take it up, it is done in this one.
+        Result of `work`, whose exceptions are raised here.
     """
     if threading.current_thread() is threading.main_thread():
         return work()
-    taken, finished = threading.Lock(), threading.Event()
+    started, finished = threading.Lock(), threading.Event()
     job = Job(lambda progress: work())
 
     def run():
-        if taken.acquire(blocking=False):
+        if started.acquire(blocking=False):
             job.run()
             finished.set()
 
     bpy.app.timers.register(run)
-    if not finished.wait(PATIENCE) and taken.acquire(blocking=False):
+    if not finished.wait(MAIN_THREAD_TIMEOUT) and started.acquire(blocking=False):
         job.run()
     else:
         finished.wait()
@@ -48,22 +50,21 @@ def on_main_thread(work):
 
 
 class Job:
-    """One piece of work.
+    """A piece of work.
 
     Parameters
     ----------
     work : callable
-        ``work(progress)`` returns the result; `progress(done, message)` raises `engine.Cancelled` once
-        `cancel` was called.
+        ``work(progress)`` returns the result; `progress(done, message)` raises `engine.Cancelled` after `cancel`.
 
     Attributes
     ----------
     done : float
-        0..1.
+        Progress, 0 to 1.
     message : str
-        What is being done.
+        Current activity.
     compiling : bool
-        Whether programs are compiled for that, which takes its time once on each machine.
+        Whether programs are compiled for it, which takes long once on each machine.
     result : object or None
     error : BaseException or None
     """
@@ -72,8 +73,8 @@ class Job:
         self._work: Any = work  # until it is done
         self._cancel = threading.Event()
         self._thread = None
-        self._question = None
-        self._picture = None
+        self._query = None
+        self._offer = None
         self._started = time.monotonic()
         self.done = 0.0
         self.message = ""
@@ -88,78 +89,94 @@ class Job:
         return self._thread is not None and self._thread.is_alive()
 
     @property
-    def cancelling(self):
+    def canceling(self):
         """Whether `cancel` was called."""
         return self._cancel.is_set()
 
     @property
     def remaining(self):
-        """Seconds left, as the work so far tells; None while that is too little."""
+        """Estimated seconds left; None at the start, when there is too little to estimate from."""
         elapsed = time.monotonic() - self._started
         if elapsed < 1 or self.done < 0.05:
             return None
         return elapsed * (1 - self.done) / self.done
 
     def start(self):
-        """Run in a thread of its own."""
+        """Run in a new thread."""
         self._thread = threading.Thread(target=self.run, name="HoloPath", daemon=True)
         self._thread.start()
 
     def run(self):
-        """Run in this thread; never raises."""
+        """Run in this thread. Raises nothing."""
         try:
             self.result = self._work(self._progress)
-        except BaseException as error:  # whatever it is belongs to whoever waits for the job
-            _let_go(error)
+        except BaseException as error:  # for whoever waits for the job
+            _free_frames(error)
             self.error = error
         finally:
             self._work = None
 
     def cancel(self):
-        """Ask the work to stop at its next report of progress."""
+        """Stop the work at its next report of progress."""
         self._cancel.set()
 
     def wait(self, seconds):
-        """Wait for the end of the thread; True if it has ended."""
+        """Wait for the end of the thread, for at most some seconds.
+
+        Returns
+        -------
+        bool
+            Whether it has ended.
+        """
         if self._thread is not None:
             self._thread.join(seconds)
         return not self.running
 
-    def ask(self, question):
-        """Called by the work: have `question()` answered where `serve` is called; what it returns or raises.
+    def query(self, function):
+        """Have `answer_query` call a function on the main thread, and wait for it. The work calls this.
+
+        Parameters
+        ----------
+        function : callable
+            Called without arguments.
+
+        Returns
+        -------
+        object
+            Result of the function, whose exceptions are raised here.
 
         Raises
         ------
         engine.Cancelled
-            If the job is cancelled meanwhile.
+            If the job is canceled meanwhile.
         """
         if threading.current_thread() is threading.main_thread():
-            return question()
-        answer, answered = Job(lambda progress: question()), threading.Event()
-        self._question = answer, answered
+            return function()
+        answer, answered = Job(lambda progress: function()), threading.Event()
+        self._query = answer, answered
         while not answered.wait(0.05):
-            if self.cancelling:
+            if self.canceling:
                 raise engine.Cancelled
         if answer.error is not None:
             raise answer.error
         return answer.result
 
-    def serve(self):
-        """Answer what the work asks, if it does; on the main thread."""
-        question, self._question = self._question, None
-        if question is not None:
-            answer, answered = question
+    def answer_query(self):
+        """Call the function of a waiting `query`, if there is one; on the main thread."""
+        query, self._query = self._query, None
+        if query is not None:
+            answer, answered = query
             answer.run()
             answered.set()
 
-    def offer(self, picture):
-        """Called by the work: what can be looked at until there is a result."""
-        self._picture = picture
+    def offer(self, preview):
+        """Offer an object to show before the result. The work calls this."""
+        self._offer = preview
 
-    def take(self):
-        """What was offered since the last time, or None."""
-        picture, self._picture = self._picture, None
-        return picture
+    def take_offer(self):
+        """Take the latest object offered since the last call, or None."""
+        preview, self._offer = self._offer, None
+        return preview
 
     def _progress(self, done, message):
         if self._cancel.is_set():
@@ -169,10 +186,10 @@ class Job:
         self.done, self.message, self.compiling = done, message, self._compiles()
 
 
-def _let_go(error):
-    """Free what the frames of an exception hold: the job keeps the exception, and would keep the scene with it."""
-    seen = set()
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
+def _free_frames(error):
+    """Free the variables in an exception's frames: the job keeps the exception, and the scene would stay with it."""
+    visited = set()
+    while error is not None and id(error) not in visited:
+        visited.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__

@@ -1,4 +1,4 @@
-"""What cameras took: a picture with depth becomes a mesh in front of the camera, and views become a hologram."""
+"""Operators on captures: a picture with depth becomes a mesh in front of the camera, and views a hologram."""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,25 +31,25 @@ from ..export.shading.node_graph import tree_of
 from ..workflow import failures
 from ..workflow.request import Origin
 from . import session
-from .working import Working, push_undo, ready, refused
+from .modal_operator import ModalOperator, check_poll, push_undo, report_error
 
 
 def add_picture(scene, path, options):
-    """Add a picture with depth to a scene, as the scene's camera sees it.
+    """Add a picture with depth to a scene, fitted to its camera's view.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        Depths are true in its units.
+        Scene, in whose units depths are true.
     path : Path
-        The picture.
+        Picture.
     options : CaptureOptions
-        Without a field of view the picture is as wide as the camera's view.
+        Options of the depth file. Without a field of view the picture is as wide as the camera's view.
 
     Returns
     -------
     bpy.types.Object
-        A mesh where the camera stands, with the material and the image of the picture.
+        Mesh at the camera, with a material that shows the picture.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def add_picture(scene, path, options):
 
 
 def _mesh(name, surface):
-    """Blender's mesh of a `PictureMesh`; its first row of texels is the bottom."""
+    """Blender's mesh of a `PictureMesh`, with v from the bottom up."""
     mesh = bpy.data.meshes.new(name)
     triangles = surface.triangles
     mesh.vertices.add(len(surface.vertices))
@@ -93,7 +93,7 @@ def _mesh(name, surface):
 
 
 def _material(path):
-    """A material that shines with a picture; each pixel is a square, and what is beyond its borders is mirrored."""
+    """Material that emits a picture, with square pixels and mirrored borders."""
     material = bpy.data.materials.new(path.stem)
     tree = tree_of(material)
     tree.nodes.clear()
@@ -108,13 +108,13 @@ def _material(path):
 
 
 def draw_options(layout, options):
-    """Draw what is to be said of a depth file.
+    """Draw the options of a depth file.
 
     Parameters
     ----------
     layout : bpy.types.UILayout
     options : bpy.types.OperatorProperties
-        Of `HOLOPATH_OT_add_picture`.
+        Properties of `HOLOPATH_OT_add_picture`.
     """
     layout.use_property_split = True
     layout.prop(options, "unit")
@@ -126,7 +126,7 @@ def draw_options(layout, options):
 
 
 class HOLOPATH_OT_choose_picture(bpy.types.Operator):
-    """Choose a picture, then its depth: they become a mesh in front of the camera that shines with the picture"""
+    """Choose a picture, then its depth: they become a mesh in front of the camera that emits the picture"""
 
     bl_idname = "holopath.choose_picture"
     bl_label = "HoloPath Picture With Depth"
@@ -149,14 +149,17 @@ class HOLOPATH_OT_choose_picture(bpy.types.Operator):
 
 
 class HOLOPATH_OT_add_picture(bpy.types.Operator):
-    """Add a mesh in front of the camera that shines with a picture, at the depth of each pixel"""
+    """Add a mesh in front of the camera that emits a picture, at the depth of each pixel"""
 
     bl_idname = "holopath.add_picture"
     bl_label = "Add Picture"
     bl_options = {"REGISTER", "UNDO"}
 
     picture: StringProperty(
-        name="Picture", description="Picture that the depth is of", subtype="FILE_PATH", options={"HIDDEN"}
+        name="Picture",
+        description="Picture that the depth belongs to",
+        subtype="FILE_PATH",
+        options={"HIDDEN"},
     )
     filepath: StringProperty(
         name="Depth", description="File with the depth of each pixel", subtype="FILE_PATH"
@@ -164,9 +167,9 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in DEPTHS), options={"HIDDEN"})
     unit: EnumProperty(
         name="Unit",
-        description="What the numbers of the depth file are",
+        description="Unit of the numbers in the depth file",
         items=[
-            ("none", "Choose One", "The file does not say it"),
+            ("none", "Choose One", "Files do not name their unit"),
             ("m", "Meters", "Depths in meters"),
             ("mm", "Millimeters", "Depths in millimeters"),
             ("diopters", "Diopters", "Inverse depths in 1/m"),
@@ -181,23 +184,23 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
     )
     along: EnumProperty(
         name="Along",
-        description="Along what depths are measured",
+        description="Direction along which depths are measured",
         items=[
-            ("axis", "Camera's Axis", "As cameras and Blender measure it"),
-            ("ray", "Line of Sight", "From the camera to the point, as Mitsuba measures it"),
+            ("axis", "Camera's Axis", "Along the optical axis, as depth cameras and Blender measure"),
+            ("ray", "Line of Sight", "From the camera to the point, as Mitsuba measures"),
         ],
     )
     fov: FloatProperty(
         name="Field of View",
-        description="Of the picture's width, in degrees; 0 is that of the camera",
+        description="Field of view over the picture's width, in degrees; 0: that of the camera",
         min=0.0,
         max=179.0,
     )
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        there = context.scene is not None and context.scene.camera is not None and context.mode == "OBJECT"
-        return ready(cls, there, "Change to Object Mode, and give the scene a camera")
+        ready = context.scene is not None and context.scene.camera is not None and context.mode == "OBJECT"
+        return check_poll(cls, ready, "Change to Object Mode, and give the scene a camera")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for the depth."""
@@ -205,14 +208,14 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def draw(self, context: bpy.types.Context):
-        """Settings beside the file browser, and after it."""
+        """Draw the settings beside the file browser, and after it."""
         draw_options(self.layout, self)
 
     def execute(self, context: bpy.types.Context):
         scene, layer = context.scene, context.view_layer
-        assert scene is not None and layer is not None  # as `poll` has it
+        assert scene is not None and layer is not None  # by `poll`
         if self.unit == "none":
-            return refused(
+            return report_error(
                 self,
                 f"The depth file does not say what its numbers are: choose a Unit of {', '.join(UNITS)}.",
             )
@@ -226,7 +229,7 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
         try:
             added = add_picture(scene, Path(bpy.path.abspath(self.picture)), options)
         except Exception as error:
-            return refused(self, failures.sentence(error))
+            return report_error(self, failures.sentence(error))
         for each in context.selected_objects:
             each.select_set(False)
         if added.name in layer.objects:
@@ -237,12 +240,12 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
 
 @dataclass(frozen=True)
 class ViewReading:
-    """Views as a `session.Task` takes what was read of a scene.
+    """A file of views in place of a scene, for a `session.Task`.
 
     Attributes
     ----------
     name : str
-        Of the scene whose settings count.
+        Name of the scene whose settings count.
     file : ViewFile
     size : (int, int)
         Width and height of the hologram.
@@ -253,7 +256,7 @@ class ViewReading:
     size: tuple
 
     def build(self):
-        """Have Mitsuba build the scene; in any thread.
+        """Build Mitsuba's scene; in any thread.
 
         Returns
         -------
@@ -264,13 +267,14 @@ class ViewReading:
 
 
 def view_task(scene, path, options):
-    """What is to be rendered of a file of views, by a scene's settings; on the main thread.
+    """Task of rendering a file of views with a scene's settings; on the main thread.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        Nothing else in it is seen.
+        Scene with the settings; its objects are not rendered.
     path : Path
+        File of views.
     options : CaptureOptions
 
     Returns
@@ -280,14 +284,14 @@ def view_task(scene, path, options):
     Raises
     ------
     InvalidInput
-        If an option cannot be used; the file is read later.
+        If an option is invalid; the file is read later.
     """
     file, props = ViewFile(path, options), properties.of(scene)
     hologram = properties.hologram_of(props)
-    for stop in session.making_way:
+    for stop in session.before_export:
         stop()
     reading = ViewReading(scene.name, file, (hologram.picture.width, hologram.picture.height))
-    # it shines, and reflects nothing
+    # its surface emits, and reflects nothing
     settings = replace(properties.settings_of(props), method=METHODS[0], max_depth=1)
     origin = Origin(
         str(path), opened={"frame": None, "camera": None, "scene": scene.name, "view_layer": None}
@@ -296,13 +300,13 @@ def view_task(scene, path, options):
 
 
 def draw_view_options(layout, options):
-    """Draw what is to be said of a file of views.
+    """Draw the options of a file of views.
 
     Parameters
     ----------
     layout : bpy.types.UILayout
     options : bpy.types.OperatorProperties
-        Of `HOLOPATH_OT_render_views`.
+        Properties of `HOLOPATH_OT_render_views`.
     """
     layout.use_property_split = True
     layout.prop(options, "right")
@@ -314,12 +318,12 @@ def draw_view_options(layout, options):
     layout.prop(options, "fov")
 
 
-class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
-    """Render the hologram of a quilt or another array of views, by the settings of this scene, and show it"""
+class HOLOPATH_OT_render_views(ModalOperator, bpy.types.Operator):
+    """Render the hologram of a quilt or another array of views with the settings of this scene, and show it"""
 
     bl_idname = "holopath.render_views"
     bl_label = "HoloPath Views"
-    doing = "rendering"
+    activity = "rendering"
 
     filepath: StringProperty(
         name="Views",
@@ -342,7 +346,9 @@ class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
         min=0.0,
         precision=4,
     )
-    parallel: BoolProperty(name="Parallel Cameras", description="The views agree at infinity")
+    parallel: BoolProperty(
+        name="Parallel Cameras", description="The cameras are parallel: views agree at infinity"
+    )
     focus: FloatProperty(
         name="Agree At",
         description="Distance at which all views agree, in meters",
@@ -352,13 +358,13 @@ class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
     )
     panel: FloatProperty(
         name="Panel",
-        description="Distance at which the views are put together and all is sharpest, in meters; 0: where they agree",
+        description="Distance of the plane that combines the views and is sharpest, in meters; 0: where they agree",
         min=0.0,
         precision=3,
     )
     fov: FloatProperty(
         name="Field of View",
-        description="Of a view's width, in degrees; 0 is that of a 50 mm lens",
+        description="Field of view over a view's width, in degrees; 0: that of a 50 mm lens",
         min=0.0,
         max=179.0,
     )
@@ -374,21 +380,21 @@ class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def draw(self, context: bpy.types.Context):
-        """Settings beside the file browser."""
+        """Draw the settings beside the file browser."""
         draw_view_options(self.layout, self)
 
     def execute(self, context: bpy.types.Context):
-        """Render; after the file browser in a thread, of another operator: Blender ends this one."""
+        """Render; after the file browser, which ends this operator, in the thread of another one."""
         if not self._browsing:
             return super().execute(context)
         if not type(self).poll(context):
-            return refused(self, "The views were not rendered: HoloPath is at work.")
-        given = self.as_keywords(ignore=("filter_glob",))
+            return report_error(self, "The views were not rendered: HoloPath is at work.")
+        settings = self.as_keywords(ignore=("filter_glob",))
         # pyrefly: ignore[missing-attribute]  # Blender's stubs know no operators of others
-        return bpy.ops.holopath.render_views("INVOKE_DEFAULT", **given)
+        return bpy.ops.holopath.render_views("INVOKE_DEFAULT", **settings)
 
     def capture_options(self):
-        """`CaptureOptions` of the settings.
+        """The `CaptureOptions` of the settings.
 
         Raises
         ------
@@ -413,26 +419,23 @@ class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
         )
 
     def work(self, scene):
-        options, path, last = (
-            self.capture_options(),
-            Path(bpy.path.abspath(self.filepath)),
-            session.current.task,
-        )
+        options, path = self.capture_options(), Path(bpy.path.abspath(self.filepath))
+        last = session.current.task
         if not path.is_file():
             raise engine.InvalidInput(f"The views {path} do not exist: choose a file that does.")
         if last is not None:
-            last.put_away()  # one scene at a time in Mitsuba
+            last.release_scene()  # Mitsuba holds one scene at a time
 
         def render(job, progress):
             progress(0.0, "Starting Mitsuba")
-            variants.activate(job.ask(preferences.wanted))
-            task = job.ask(lambda: view_task(bpy.data.scenes[scene], path, options))
+            variants.activate(job.query(preferences.chosen_backend))
+            task = job.query(lambda: view_task(bpy.data.scenes[scene], path, options))
             return task, task.compute(progress)
 
         return render
 
     def finish(self, context: bpy.types.Context, result):
-        self.present(context, session.keep_shown(self.scene_settings(), *result))
+        self.present(context, session.keep_and_show(self.scene_settings(), *result))
         push_undo(self.bl_label)
         return "Hologram of views rendered"
 

@@ -1,4 +1,4 @@
-"""Render a hologram, or say what rendering it would take."""
+"""Operators that render a hologram, estimate a render, and check for processors."""
 
 import bpy
 
@@ -6,47 +6,47 @@ from .. import engine
 from ..blender import preferences, properties
 from ..engine.waves import libraries
 from . import session
-from .working import Working, export, push_undo
+from .modal_operator import ModalOperator, export, push_undo
 
 
-class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
+class HOLOPATH_OT_render_hologram(ModalOperator, bpy.types.Operator):
     """Render the hologram of the scene and show its reconstruction"""
 
     bl_idname = "holopath.render_hologram"
     bl_label = "Render Hologram"
-    doing = "rendering"
+    activity = "rendering"
 
     def work(self, scene):
-        watched, last = not bpy.app.background, session.current.task
+        previews, last = not bpy.app.background, session.current.task
         if last is not None:
-            last.put_away()  # one scene at a time in Mitsuba
+            last.release_scene()  # Mitsuba holds one scene at a time
 
         def render(job, progress):
             task = export(job, progress, scene)
 
-            def offer(picture, draft=None):
-                job.offer((picture, task, draft))
+            def offer(image, draft=None):
+                job.offer((image, task, draft))
 
-            return task, task.compute(progress, offer if watched else None)
+            return task, task.compute(progress, offer if previews else None)
 
         return render
 
-    def glimpse(self, context: bpy.types.Context, offered):
-        self.present(context, session.show_early(self.scene_settings(), *offered))
+    def show_offer(self, context: bpy.types.Context, preview):
+        self.present(context, session.show_preview(self.scene_settings(), *preview))
 
     def finish(self, context: bpy.types.Context, result):
-        self.present(context, session.keep_shown(self.scene_settings(), *result))
+        self.present(context, session.keep_and_show(self.scene_settings(), *result))
         push_undo(self.bl_label)
         return "Hologram rendered"
 
-    def stopped(self):
+    def cancel_message(self):
         if self._presented and session.current.draft:
             return "Canceled, the draft stays"
-        return super().stopped()
+        return super().cancel_message()
 
 
 class HOLOPATH_OT_cancel(bpy.types.Operator):
-    """Stop what is at work; what was there before stays"""
+    """Stop the running work; earlier results stay"""
 
     bl_idname = "holopath.cancel"
     bl_label = "Cancel"
@@ -63,24 +63,34 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
 
 
 def own_size(scene):
-    """Pixels of the picture of the hologram that the button renders, of the panel where it cannot be: width, height."""
+    """Size of the picture that *Render Hologram* makes.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+
+    Returns
+    -------
+    (int, int)
+        Width and height, pixels; of the SLM if the settings make no hologram.
+    """
     props = properties.of(scene)
     try:
         picture = properties.hologram_of(props).picture
-    except (engine.InvalidInput, engine.BackendUnavailable):  # another part of the panel says so
+    except (engine.InvalidInput, engine.BackendUnavailable):  # the panel says so elsewhere
         return props.resolution_x, props.resolution_y
     return picture.width, picture.height
 
 
 def output_size(scene):
-    """Pixels of F12's picture: width and height."""
+    """Width and height, pixels, of the picture that F12 renders of a `bpy.types.Scene`."""
     settings = scene.render
     percent = settings.resolution_percentage
     return tuple(max(1, n * percent // 100) for n in (settings.resolution_x, settings.resolution_y))
 
 
 def match_output(scene):
-    """Have F12 render as many pixels as the button does."""
+    """Set the output size of a `bpy.types.Scene`, and so of F12, to that of *Render Hologram*."""
     scene.render.resolution_x, scene.render.resolution_y = own_size(scene)
     scene.render.resolution_percentage = 100
 
@@ -101,12 +111,12 @@ class HOLOPATH_OT_match_output(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_plan(Working, bpy.types.Operator):
-    """Look at the scene and say what would be computed, why, and how long it takes"""
+class HOLOPATH_OT_plan(ModalOperator, bpy.types.Operator):
+    """Probe the scene and list what would be computed, why, and how long it takes"""
 
     bl_idname = "holopath.plan"
     bl_label = "Estimate"
-    doing = "estimating"
+    activity = "estimating"
 
     def work(self, scene):
         def estimate(job, progress):
@@ -118,41 +128,48 @@ class HOLOPATH_OT_plan(Working, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, result):
         task, plan = result
         session.keep_plan(task, plan)
-        if not plan.seconds:  # of baselines nothing is foretold
+        if not plan.seconds:  # baselines have no estimate
             return "Estimated"
         return f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB, estimated"
 
 
 class HOLOPATH_OT_check(bpy.types.Operator):
-    """Look again for what computes: a graphics card, and what it needs, or LLVM for the processor"""
+    """Look again for a graphics card and its libraries, and for LLVM for the processor"""
 
     bl_idname = "holopath.check"
     bl_label = "Check Again"
 
     def execute(self, context: bpy.types.Context):
-        preferences.look_again()
-        problem = preferences.missing()
+        preferences.forget_backends()
+        problem = preferences.backend_problem()
         session.current.error = ""
         session.redraw()
         if problem:
             self.report({"WARNING"}, problem)
         else:
-            used = next(row for row in preferences.backends() if row["available"])
-            self.report({"INFO"}, f"HoloPath computes with {used['name']}: {used['detail']}.")
-        lacking = preferences.try_card()
-        if lacking:
-            self.report({"WARNING"}, lacking)
+            backend = next(row for row in preferences.backends() if row["available"])
+            self.report({"INFO"}, f"HoloPath computes with {backend['name']}: {backend['detail']}.")
+        problem = preferences.check_card()
+        if problem:
+            self.report({"WARNING"}, problem)
         return {"FINISHED"}
 
 
 def show_extensions(context, name):
-    """Have the preferences show the extensions of that name that Blender's repositories have."""
+    """Search for extensions in Blender's preferences.
+
+    Parameters
+    ----------
+    context : bpy.types.Context
+    name : str
+        Text to search for.
+    """
     context.window_manager.extension_search = name
     context.preferences.active_section = "EXTENSIONS"
 
 
 class HOLOPATH_OT_get_card_extension(bpy.types.Operator):
-    """Look for it among the extensions of Blender's repositories, in Get Extensions"""
+    """Search Blender's repositories for it, in Get Extensions"""
 
     bl_idname = "holopath.get_card_extension"
     bl_label = f"Get {libraries.EXTENSION}"

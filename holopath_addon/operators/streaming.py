@@ -1,4 +1,4 @@
-"""Show the hologram on a device, move the camera's focus and take pictures."""
+"""Operators of devices: show the hologram, move the camera's focus and take pictures."""
 
 import math
 import tempfile
@@ -11,34 +11,34 @@ from .. import engine, slm
 from ..blender import device_properties, properties
 from ..workflow import failures
 from . import devices, session
-from .working import Working, encoded, ready, refused
+from .modal_operator import ModalOperator, check_poll, has_phase, report_error
 
-POLL = 0.1  # seconds
-SHOWN = 5.0  # seconds that monitors show their numbers
-PATIENCE = 30.0  # seconds that a script waits for a lost device; in the window it is until it is stopped
+POLL_INTERVAL = 0.1  # seconds
+NUMBER_SECONDS = 5.0  # seconds for which monitors show their numbers
+SCRIPT_PATIENCE = 30.0  # seconds for which scripts wait for a lost device; in a window until it is stopped
 
 
 class HOLOPATH_OT_stream(bpy.types.Operator):
-    """Show the encoded hologram on the device, until it is stopped or its loops are over"""
+    """Show the encoded hologram on the device until it is stopped, or for the number of loops"""
 
     bl_idname = "holopath.stream"
     bl_label = "Stream to Device"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        alone = encoded(cls) and ready(
+        idle = has_phase(cls) and check_poll(
             cls, not devices.streaming(), "A device shows a hologram: stop it first"
         )
-        return alone and context.scene is not None
+        return idle and context.scene is not None
 
-    def _begin(self, context: bpy.types.Context, endless):
-        """The job; `endless`: whether no number of loops means none."""
+    def _prepare(self, context: bpy.types.Context, endless):
+        """Prepare the stream; `endless`: whether 0 loops mean no end, rather than one loop."""
         device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
         driver, trigger = device_properties.driver_of(device, sequence), None
         port = device.port, device.baud
         if device.driver == "serial":
-            devices.release()  # the port can be open once
+            devices.release()  # a port can be opened once
             devices.current.port = port
         if device.trigger:
             controller = getattr(driver, "controller", None) or devices.controller(*port)
@@ -50,35 +50,37 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         loops = 1 if device.driver in ("files", "virtual") else device.loops or (None if endless else 1)
         rate = device.rate if device.driver != "files" else 0.0
         return devices.stream(
-            driver, sequence, rate or None, loops, trigger, math.inf if endless else PATIENCE
+            driver, sequence, rate or None, loops, trigger, math.inf if endless else SCRIPT_PATIENCE
         )
 
     def execute(self, context: bpy.types.Context):
-        """Show it and wait for the end: without a number of loops, once."""
+        """Show it and wait for the end; once if no number of loops is set."""
         try:
-            job = self._begin(context, endless=False)
+            job = self._prepare(context, endless=False)
             job.run()
         except Exception as error:
-            return refused(self, devices.fail(error))
-        return self._end(job)
+            return report_error(self, devices.record_error(error))
+        return self._finish(job)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            job = self._begin(context, endless=True)
+            job = self._prepare(context, endless=True)
             job.start()
         except Exception as error:
-            return refused(self, devices.fail(error))
+            return report_error(self, devices.record_error(error))
         self._job, self._lost = job, ""
-        devices.current.timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
+        devices.current.timer = bpy.data.window_managers[0].event_timer_add(
+            POLL_INTERVAL, window=context.window
+        )
         bpy.data.window_managers[0].modal_handler_add(self)
         session.redraw(images=False)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):
-        """Poll the thread; Esc stops, where it does not cancel a render."""
+        """Poll the thread; Esc stops it, unless it cancels a render."""
         if devices.current.job is not self._job or devices.current.timer is None:
             return {"FINISHED", "PASS_THROUGH"}
         if event.type == "ESC" and event.value == "PRESS" and not session.running():
@@ -86,28 +88,28 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
             if not self._job.running:
-                devices.leave()
-                return self._end(self._job)
+                devices.end_watching()
+                return self._finish(self._job)
             counts = devices.current.counts
             lost = counts.lost if counts is not None else ""
             if lost and lost != self._lost:
                 self.report({"WARNING"}, f"{lost} HoloPath waits for it.")
             elif self._lost and not lost:
-                self.report({"INFO"}, "The device is there again: going on.")
+                self.report({"INFO"}, "The device is connected again: streaming continues.")
             self._lost = lost
             session.redraw(images=False)
         return {"PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context):
-        """The window closes or another file is opened."""
+        """End the operator for Blender: the window closes or another file is opened."""
         devices.stop()
-        devices.leave()
+        devices.end_watching()
 
-    def _end(self, job):
+    def _finish(self, job):
         counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
-            return refused(self, devices.fail(job.error))
+            return report_error(self, devices.record_error(job.error))
         self.report(
             {"INFO"}, f"{'Stopped' if job.error else 'Done'}: {job.result or counts or 'nothing was shown'}."
         )
@@ -129,12 +131,12 @@ class HOLOPATH_OT_stop_streaming(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
-    """Look for monitors and serial ports; their fields then offer what was found"""
+class HOLOPATH_OT_find_devices(ModalOperator, bpy.types.Operator):
+    """Look for monitors and serial ports, which their fields then suggest"""
 
     bl_idname = "holopath.find_devices"
     bl_label = "Find Devices"
-    doing = "looking for devices"
+    activity = "looking for devices"
 
     def work(self, scene):
         def look(job, progress):
@@ -148,46 +150,50 @@ class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
         return look
 
     def finish(self, context: bpy.types.Context, result):
-        device_properties.found.update(result)
+        device_properties.found_devices.update(result)
         monitors, ports = len(result["monitors"]), len(result["ports"])
         return f"{monitors} monitor{'' if monitors == 1 else 's'}, {ports} serial port{'' if ports == 1 else 's'} found"
 
 
-class HOLOPATH_OT_identify_monitors(Working, bpy.types.Operator):
-    """Show on each monitor its number in the list for some seconds, to tell which one is the SLM"""
+class HOLOPATH_OT_identify_monitors(ModalOperator, bpy.types.Operator):
+    """Show each monitor's number in the list on it for some seconds, to find the SLM"""
 
     bl_idname = "holopath.identify_monitors"
     bl_label = "Identify Monitors"
-    doing = "showing numbers"
+    activity = "showing numbers"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        free = ready(
+        idle = check_poll(
             cls,
             not devices.streaming(),
             "A device shows a hologram, which numbers would cover: stop it first",
         )
-        return free and super().poll(context)
+        return idle and super().poll(context)
 
     def work(self, scene):
         def show(job, progress):
             found = slm.monitors()
-            slm.identify(found, SHOWN, lambda left: progress(1 - left / SHOWN, "A number is on each monitor"))
+
+            def on_progress(seconds_left):
+                progress(1 - seconds_left / NUMBER_SECONDS, "A number is on each monitor")
+
+            slm.identify(found, NUMBER_SECONDS, on_progress)
             return [f"{m.name} {m.geometry}" for m in found]
 
         return show
 
     def finish(self, context: bpy.types.Context, result):
-        device_properties.found["monitors"] = result
+        device_properties.found_devices["monitors"] = result
         return ", ".join(f"{number}: {monitor}" for number, monitor in enumerate(result, 1))
 
 
-class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
+class HOLOPATH_OT_focus_plane(ModalOperator, bpy.types.Operator):
     """Move the camera's focus to the plane"""
 
     bl_idname = "holopath.focus_plane"
     bl_label = "Focus Camera"
-    doing = "focusing"
+    activity = "focusing"
 
     def work(self, scene):
         device = properties.of(bpy.data.scenes[scene]).device
@@ -204,12 +210,12 @@ class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
         return f"Camera at plane {result[0]}, {result[1] * 1e3:g} mm,"
 
 
-class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
-    """Store where the motor of the focus is as this plane's position"""
+class HOLOPATH_OT_store_plane(ModalOperator, bpy.types.Operator):
+    """Store the focus motor's current position for this plane"""
 
     bl_idname = "holopath.store_plane"
     bl_label = "Store Position"
-    doing = "asking the motor"
+    activity = "asking the motor"
 
     def work(self, scene):
         device = properties.of(bpy.data.scenes[scene]).device
@@ -217,7 +223,7 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
             raise engine.InvalidInput("There are no focus planes: choose their file, or make one with New.")
         path, number, port = bpy.path.abspath(device.planes), device.plane, (device.port, device.baud)
         planes = slm.FocusPlanes.load(path)
-        planes.with_position(number, 0)  # there is such a plane
+        planes.with_position(number, 0)  # raises if there is no such plane
 
         def store(job, progress):
             position = devices.controller(*port).position()
@@ -252,23 +258,23 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
                 )
             slm.FocusPlanes.spread().save(path)
         except Exception as error:
-            return refused(self, devices.fail(error))
+            return report_error(self, devices.record_error(error))
         properties.of(context.scene).device.planes = str(path)
         self.report({"INFO"}, f"Five focus planes are in {path}.")
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_capture(Working, bpy.types.Operator):
-    """Take a picture at the plane: by the camera's command, or the virtual bench's camera"""
+class HOLOPATH_OT_capture(ModalOperator, bpy.types.Operator):
+    """Take a picture at the plane, with the camera's command or the virtual bench's camera"""
 
     bl_idname = "holopath.capture"
     bl_label = "Capture"
-    doing = "taking a picture"
+    activity = "taking a picture"
 
     def work(self, scene):
         device = properties.of(bpy.data.scenes[scene]).device
         planes, number = device_properties.planes_of(device, _phase()), device.plane
-        planes.with_position(number, 0)  # there is such a plane
+        planes.with_position(number, 0)  # raises if there is no such plane
         distance = planes.planes[number].distance
         if device.driver == "virtual":
             bench = _bench()
@@ -298,18 +304,19 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
                 image = devices.load(Path(folder) / "picture.png")
         else:
             phase = _phase()
-            assert phase is not None  # which the bench shows
+            assert phase is not None  # the bench shows it
             image = devices.show(picture, phase.hologram.wavelengths)
         self.present(context, image)
         return f"Picture for {distance * 1e3:g} mm taken"
 
 
 def _phase():
-    """The hologram that a device shows, or would."""
+    """Hologram on the device, or else the encoded one."""
     return devices.current.phase or session.current.phase
 
 
 def _bench():
+    """The virtual bench of the last stream."""
     bench = devices.current.driver
     if not isinstance(bench, slm.VirtualDriver):
         raise engine.InvalidInput("The virtual bench shows nothing yet: press Stream to Device.")
@@ -317,10 +324,10 @@ def _bench():
 
 
 def _mover(device, planes):
-    """``move(number, progress)`` for the camera's focus."""
+    """Function ``move(number, progress)`` that moves the camera's focus to a plane."""
     if device.driver == "virtual":
         bench = _bench()
-        planes.with_position(device.plane, 0)  # there is such a plane
+        planes.with_position(device.plane, 0)  # raises if there is no such plane
         return lambda number, progress: bench.focus_at(planes.planes[number].distance)
     planes.position(device.plane)
     port = device.port, device.baud

@@ -1,4 +1,4 @@
-"""Panels of the 3D View, the properties and the Image Editor; menu entries; what the viewport shows."""
+"""Panels of the 3D View, the Properties and the Image Editor; menu entries; overlays of the 3D View."""
 
 from . import display_presets, engine_panels, focus_list, menus, panels
 from .menus import add_to_menus, remove_from_menus

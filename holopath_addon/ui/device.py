@@ -1,4 +1,4 @@
-"""The panel of the device that shows the hologram."""
+"""Panel of the device that shows the hologram."""
 
 from bpy.types import Context, UILayout
 
@@ -9,7 +9,7 @@ from .text import alert, wrapped
 
 
 def device(layout: UILayout, context: Context) -> None:
-    """Which device, what it is sent, and how it goes; the camera's focus."""
+    """Device, format and progress of its pictures, and the camera's focus."""
     props: HoloPathDevice = properties.of(context.scene).device
     row = layout.row(align=True)
     row.prop(props, "driver")
@@ -66,7 +66,7 @@ _DEVICE = {
 
 
 def _progress(layout: UILayout, context: Context) -> None:
-    """The button, or the counts while pictures are shown; what went wrong."""
+    """Draw the button, or the counts of a running stream, and the last failure."""
     current = devices.current
     column = layout.column()
     if devices.streaming():
@@ -87,7 +87,7 @@ def _progress(layout: UILayout, context: Context) -> None:
 
 
 def _focus(layout: UILayout, context: Context, props: HoloPathDevice) -> None:
-    """The camera's planes."""
+    """Draw the camera's focus planes."""
     layout.separator()
     layout.label(text="Camera")
     row = layout.row(align=True)

@@ -1,4 +1,4 @@
-"""The user's own displays, kept as Blender keeps presets."""
+"""Presets of the user's own displays."""
 
 import bpy
 from bl_operators.presets import AddPresetBase
@@ -8,7 +8,7 @@ from ..blender.properties.optics import HoloPathOptics
 
 
 class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
-    """Keep these display settings, depth range, wavelengths and optics as a preset, or remove one"""
+    """Save these display settings, depth range, wavelengths and optics as a preset, or remove one"""
 
     bl_idname = "holopath.display_preset_add"
     bl_label = "Add Display Preset"

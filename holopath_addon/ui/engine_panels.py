@@ -1,4 +1,4 @@
-"""Panels of the render engine HOLOPATH alone: its passes and its animations."""
+"""Panels of the render engine HOLOPATH only: its passes and its animations."""
 
 import bpy
 
@@ -7,7 +7,7 @@ from .text import split_layout_of
 
 
 class EnginePanel:
-    """Is shown where the render engine is HoloPath."""
+    """Base of panels of the Properties for the render engine HoloPath."""
 
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
@@ -19,7 +19,7 @@ class EnginePanel:
 
 
 class HOLOPATH_PT_passes(EnginePanel, bpy.types.Panel):
-    """What F12 delivers beside the picture, in the View Layer properties."""
+    """Passes of F12 beside the picture, in the View Layer properties."""
 
     bl_label = "Passes"
     bl_context = "view_layer"
@@ -36,7 +36,7 @@ class HOLOPATH_PT_passes(EnginePanel, bpy.types.Panel):
 
 
 class HOLOPATH_PT_animation(EnginePanel, bpy.types.Panel):
-    """What animation renders keep, below Blender's own output of pictures."""
+    """Wave fields that animation renders keep, below Blender's own output of pictures."""
 
     bl_label = "Wave Fields"
     bl_context = "output"

@@ -1,10 +1,10 @@
-"""The focus list as a section of the panels shows it."""
+"""List view of the focus list."""
 
 import bpy
 
 
 class HOLOPATH_UL_focus(bpy.types.UIList):
-    """A row for each distance: metres, dioptres, infinity."""
+    """List with a row per distance: meters, diopters, infinity."""
 
     def draw_item(
         self, context: bpy.types.Context, layout, data, item, icon, active_data, active_property, index

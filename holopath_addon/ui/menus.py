@@ -6,7 +6,7 @@ from .text import layout_of
 
 
 class HOLOPATH_MT_demos(bpy.types.Menu):
-    """Add > HoloPath Demo."""
+    """Menu Add > HoloPath Demo."""
 
     bl_label = "HoloPath Demo"
 
@@ -24,7 +24,7 @@ def _render_menu(self, context):
 
 
 def add_to_menus():
-    """Add the entries."""
+    """Add the entries to Blender's menus."""
     bpy.types.VIEW3D_MT_add.append(_add_menu)
     bpy.types.TOPBAR_MT_render.append(_render_menu)
 

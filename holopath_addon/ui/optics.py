@@ -1,4 +1,4 @@
-"""The panel of the bench around the SLM."""
+"""Panel of the bench around the SLM."""
 
 from bpy.types import Context, UILayout
 
@@ -9,7 +9,7 @@ from ..operators import session
 from .text import alert, wrapped
 
 _RIGHT_UP = ("Right", "Up")
-# Properties of each kind, and what each of their numbers is.
+# Properties of each kind, and the labels of their numbers.
 _BEAM = {
     "tilt": {"tilt_deg": ("Right (°)", "Up (°)")},
     "point": {"point_mm": ()},
@@ -30,7 +30,7 @@ _COLORS = {
 
 
 def optics(layout: UILayout, context: Context) -> None:
-    """Beam, carrier, stop, lens and colors: of each its kind, and the numbers of that kind alone."""
+    """Beam, carrier, stop, lens and colors: the kind of each, and the numbers of that kind."""
     props: HoloPathOptics = properties.of(context.scene).optics
     layout.prop(props, "beam")
     _numbers(layout, props, _BEAM.get(props.beam, {}))
@@ -52,7 +52,7 @@ def optics(layout: UILayout, context: Context) -> None:
 
 
 def _switched(layout, props, switch, name, heading):
-    """A number after its switch."""
+    """Draw a number after its switch."""
     row = layout.row(heading=heading)
     row.prop(props, switch, text="")
     if getattr(props, switch):
@@ -63,29 +63,30 @@ def _lens(layout, props, depth_mapping):
     _switched(layout, props, "use_lens", "focal_mm", "Lens (mm)")
     if props.use_lens:
         _switched(layout, props, "use_lens_distance", "lens_distance_mm", "Distance (mm)")
-        if depth_mapping != "eyepiece":  # then no picture stands behind it
+        if depth_mapping != "eyepiece":  # no picture stands behind it
             _switched(layout, props, "use_picture_distance", "picture_mm", "Picture (mm)")
             _switched(layout, props, "use_share", "share", "Share")
 
 
 def _colors(layout, props, colors):
-    words = ("Red", "Green", "Blue") if colors == "RGB" else ("",)
-    for name, what in _COLORS.items():
-        _numbers(layout, props, {name: [f"{what} {word}".rstrip() for word in words]})
+    suffixes = ("Red", "Green", "Blue") if colors == "RGB" else ("",)
+    for name, label in _COLORS.items():
+        _numbers(layout, props, {name: [f"{label} {suffix}".rstrip() for suffix in suffixes]})
     layout.operator("holopath.colors_from", icon="FILEBROWSER")
 
 
 def _numbers(layout, props, rows):
+    """Draw properties, given with the labels of their numbers; none for a single number."""
     column = layout.column(align=True)
-    for name, words in rows.items():
-        if not words:
+    for name, labels in rows.items():
+        if not labels:
             column.prop(props, name)
-        for index, text in enumerate(words):
+        for index, text in enumerate(labels):
             column.prop(props, name, index=index, text=text)
 
 
 def _state(layout, context):
-    """What is wrong with the bench, or what it does to the picture."""
+    """Draw the bench's error, or its effects on the picture."""
     try:
         bench = properties.hologram_of(properties.of(context.scene)).optics
     except (engine.InvalidInput, engine.BackendUnavailable) as error:

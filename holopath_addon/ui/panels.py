@@ -1,4 +1,4 @@
-"""The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor; materials."""
+"""Panels: the same sections in the 3D View's sidebar and the Render properties; Image Editor; materials."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from .engine_panels import EnginePanel
 from .optics import optics
 from .text import layout_of, split_layout_of
 
-# In the order of work: name, label (none: no header), sections, closed at first
+# In the order of work: name, label (empty: no header), function that draws it, whether closed at first.
 _SUBPANELS = (
     ("display", "Display", sections.display, True),
     ("display_optics", "Optics", optics, True),
@@ -36,7 +36,7 @@ else:
 
 
 class _Section(_Panel):
-    """Draws one section."""
+    """Base of a panel that draws one section."""
 
     @staticmethod
     def section(layout, context):
@@ -80,13 +80,13 @@ class HOLOPATH_PT_image(_Section, bpy.types.Panel):
 
     @staticmethod
     def section(layout, context):
-        """The same focus control as elsewhere, and what went wrong with it."""
+        """Draw the focus control of the other panels, and the last failure."""
         sections.reconstruct(layout, context)
         sections.failure(layout, context)
 
 
 class HOLOPATH_PT_material(_Section, bpy.types.Panel):
-    """What a material has for HoloPath; shown for any engine, as the sidebar is."""
+    """HoloPath's settings of a material; shown for any engine, like the sidebar."""
 
     bl_label = "HoloPath"
     bl_space_type = "PROPERTIES"
@@ -106,11 +106,11 @@ def _display_presets(self, context):
 
 _HEADERS = {"display": {"draw_header_preset": _display_presets}}
 
-
-_WITHIN = {"display_optics": "_display"}  # panels that lie in another one of these
+_PARENTS = {"display_optics": "_display"}  # subpanels of another one of these
 
 
 def _subpanels(parent, place):
+    """Classes of all subpanels of a panel; `place` is the base that says where they are."""
     for name, label, section, closed in _SUBPANELS:
         identifier = f"{parent.__name__}_{name}"
         yield type(
@@ -120,7 +120,7 @@ def _subpanels(parent, place):
                 "__doc__": section.__doc__,
                 "bl_idname": identifier,
                 "bl_label": label,
-                "bl_parent_id": parent.__name__ + _WITHIN.get(name, ""),
+                "bl_parent_id": parent.__name__ + _PARENTS.get(name, ""),
                 "bl_options": ({"DEFAULT_CLOSED"} if closed else set())
                 | (set() if label else {"HIDE_HEADER"}),
                 "section": staticmethod(section),

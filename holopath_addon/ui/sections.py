@@ -1,4 +1,4 @@
-"""The contents of the panels, each drawn into any layout."""
+"""Sections of the panels: functions that draw into any `layout`, in the context of a panel."""
 
 from contextlib import suppress
 from typing import Any
@@ -20,7 +20,7 @@ from .text import alert, count, wrapped
 
 
 def summary(layout: UILayout, context: Context) -> None:
-    """What will be rendered, in two lines."""
+    """Resolution, pitch, frames and wavelengths, in two lines."""
     props = properties.of(context.scene)
     frames = f"Frames for {props.speckle:.0%} Speckle" if props.wish_speckle else count(props.frames, "Frame")
     column = layout.column(align=True)
@@ -48,7 +48,7 @@ def display(layout: UILayout, context: Context) -> None:
             layout.prop(props, "pitch_y_um", text="Y")
         layout.prop(props, "bits")
         bits = ""
-    else:  # nothing to set: Custom has these
+    else:  # set by the display
         wrapped(
             layout,
             context,
@@ -61,14 +61,14 @@ def display(layout: UILayout, context: Context) -> None:
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
     if props.colours == "RGB":
-        for index, colour in enumerate(("Red", "Green", "Blue")):
-            column.prop(props, "wavelengths_nm", index=index, text=f"{colour} (nm)")
+        for index, color in enumerate(("Red", "Green", "Blue")):
+            column.prop(props, "wavelengths_nm", index=index, text=f"{color} (nm)")
     else:
         column.prop(props, "wavelength_nm")
 
 
 def depth(layout: UILayout, context: Context) -> None:
-    """How the scene's depth fills the hologram's volume, and the distances to look at."""
+    """Mapping of the scene's depth to the hologram's volume, and the focus list."""
     props = properties.of(context.scene)
     layout.prop(props, "depth_mapping")
     layout.prop(props, "depth_auto")
@@ -85,9 +85,9 @@ def depth(layout: UILayout, context: Context) -> None:
         column.prop(props, "depth_near_mm")
     with suppress(engine.InvalidInput):
         hologram = properties.hologram_of(props)
-        lost = hologram.lost_light(max(hologram.depth_far, hologram.depth_near, key=abs))
-        if lost:
-            wrapped(layout, context, f"{lost}.", icon="ERROR")
+        warning = hologram.lost_light(max(hologram.depth_far, hologram.depth_near, key=abs))
+        if warning:
+            wrapped(layout, context, f"{warning}.", icon="ERROR")
     if props.depth_mapping == "eyepiece":
         wrapped(layout, context, "Near End: Set by Eyepiece", icon="INFO")
     else:
@@ -115,12 +115,12 @@ def depth(layout: UILayout, context: Context) -> None:
 
 
 def quality(layout: UILayout, context: Context) -> None:
-    """How good, how many frames, and where light comes from."""
+    """Quality, number of frames, and source of light."""
     _declared(layout, properties.of(context.scene), "quality")
 
 
 def advanced(layout: UILayout, context: Context) -> None:
-    """Parts of the method, each with the paper's."""
+    """Parts of the method, each with the paper's choice."""
     props = properties.of(context.scene)
     if props.method in BASELINES:
         wrapped(layout, context, f"For Comparison: {_method(props)} Uses Few Settings", icon="INFO")
@@ -129,8 +129,8 @@ def advanced(layout: UILayout, context: Context) -> None:
     _declared(layout, props, "advanced")
 
 
-# Settings that count only where others are so.
-_COUNTS = {
+# Conditions under which settings have an effect.
+_IN_EFFECT = {
     "frames": lambda props: not props.wish_speckle,
     "estimator": lambda props: props.method != "direct",
     "paths": lambda props: props.radiance == "ray",
@@ -141,9 +141,9 @@ _COUNTS = {
 
 
 def _declared(layout, props, section):
-    """The settings of a section that count."""
+    """Draw the settings of a section that have an effect."""
     for name, declared in DECLARED.items():
-        if declared.section != section or not _COUNTS.get(name, bool)(props):
+        if declared.section != section or not _IN_EFFECT.get(name, bool)(props):
             continue
         if section == "advanced" and props.method in BASELINES and name not in ("seed", "spp"):
             continue
@@ -163,12 +163,12 @@ def _setting(layout, props, name, declared):
 
 
 def baked_light(layout: UILayout, context: Context) -> None:
-    """What is baked and kept, and the buttons for it."""
+    """Baked light, and the buttons for it."""
     bake, size = session.bake_of(context.scene), preferences.store().size()
     layout.use_property_split = False
     row = layout.row(align=True)
     row.operator("holopath.bake", text="Rebake" if bake else "Bake", icon="RENDER_STILL").anew = bool(bake)
-    if bake and session.texture_of(context.scene) is None:  # baked by a render, which keeps no picture of it
+    if bake and session.texture_of(context.scene) is None:  # baked by a render, which keeps no image of it
         row.operator("holopath.bake", text="Show Texture", icon="TEXTURE").show = True
     else:
         row.operator("holopath.show_texture", icon="TEXTURE")
@@ -192,15 +192,15 @@ def baked_light(layout: UILayout, context: Context) -> None:
 
 
 def material(layout: UILayout, context: Context) -> None:
-    """What HoloPath knows of a material beyond its nodes."""
+    """HoloPath's settings of a material beyond its nodes."""
     layout.prop(properties.of_material(context.material), "abbe_number")
 
 
 def render(layout: UILayout, context: Context) -> None:
-    """The button, or progress while it is at work; what to install where nothing can compute."""
+    """Button or progress, and what to install if no processor can compute."""
     job = session.current.job
     layout.use_property_split = False
-    missing = preferences.missing()
+    missing = preferences.backend_problem()
     if missing:
         alert(layout.box(), context, missing)
         row = layout.row(align=True)
@@ -211,7 +211,7 @@ def render(layout: UILayout, context: Context) -> None:
     if job is not None and job.running:
         column.progress(factor=job.done, text=session.progress_text(job))
         row = column.row()
-        row.enabled = not job.cancelling
+        row.enabled = not job.canceling
         row.operator("holopath.cancel", icon="CANCEL")
     else:
         column.enabled = not missing
@@ -226,7 +226,7 @@ def render(layout: UILayout, context: Context) -> None:
 
 
 def animation(layout: UILayout, context: Context) -> None:
-    """The button for all frames, or how far they are; what became of the last ones."""
+    """Button or progress of the animation, and the result of the last one."""
     props = properties.of(context.scene)
     layout.prop(props, "animation_folder", text="Folder")
     layout.prop(props, "animation_encodes")
@@ -247,13 +247,13 @@ def animation(layout: UILayout, context: Context) -> None:
 
 
 def _frames_text(work):
-    """``Frame 12 of 250, 3 min left``, and before them ``Light of 250 Frames``."""
+    """Progress in words: ``Frame 12 of 250, 3 min left``, or before that ``Light of 250 Frames``."""
     if work.canceled:
         return "Canceling…"
     if work.lighting:
         return f"Light of {count(work.count, 'Frame')}"
-    left = work.remaining
-    return f"Frame {work.frame} of {work.count}" + ("" if left is None else f", {duration(left)} left")
+    seconds = work.remaining
+    return f"Frame {work.frame} of {work.count}" + ("" if seconds is None else f", {duration(seconds)} left")
 
 
 def _animation_state(layout, context, work):
@@ -280,17 +280,17 @@ def _animation_state(layout, context, work):
 
 
 def failure(layout: UILayout, context: Context) -> None:
-    """The last failure, if there was one."""
+    """Last failure, if there was one."""
     if session.current.error:
         alert(layout, context, session.current.error)
 
 
 def f12(layout: UILayout, context: Context) -> None:
-    """Which size F12 renders, and how to have it render the button's."""
+    """Size of F12's picture, and a button that matches it to the hologram's."""
     if context.scene is None or context.scene.render.engine != "HOLOPATH":
         return
-    size, own = output_size(context.scene), own_size(context.scene)
-    if size == own:
+    size = output_size(context.scene)
+    if size == own_size(context.scene):
         wrapped(layout, context, "F12: Same Size", icon="CHECKMARK")
         return
     wrapped(layout, context, f"F12: {size[0]} × {size[1]} px (Output)", icon="INFO")
@@ -298,7 +298,7 @@ def f12(layout: UILayout, context: Context) -> None:
 
 
 def reconstruct(layout: UILayout, context: Context) -> None:
-    """Focus and pupil."""
+    """Focus and pupil of the reconstruction, and the wave field."""
     props = properties.of(context.scene)
     layout.use_property_split = False
     column = layout.column(align=True)
@@ -322,22 +322,22 @@ def reconstruct(layout: UILayout, context: Context) -> None:
         return
     row = layout.row(align=True)
     row.operator("holopath.refocus", icon="FILE_REFRESH")
-    playing = session.current.sweep is not None
+    playing = session.current.sweep_timer is not None
     row.operator(
         "holopath.sweep", text="Stop" if playing else "Play Focus", icon="PAUSE" if playing else "PLAY"
     )
     layout.operator("holopath.save_field", icon="FILE_TICK")
     hologram = field.hologram
-    there = session.current.rendered
-    whose = "" if context.scene is None or there == context.scene.name else f", Scene '{there}'"
+    name = session.current.field_scene
+    suffix = "" if context.scene is None or name == context.scene.name else f", Scene '{name}'"
     kind, column = "Draft" if session.current.draft else "Wave Field", layout.column(align=True)
-    wrapped(column, context, f"{kind}: {hologram.width} × {hologram.height} px{whose}")
+    wrapped(column, context, f"{kind}: {hologram.width} × {hologram.height} px{suffix}")
     colors = count(len(hologram.wavelengths), "Wavelength")
     wrapped(column, context, f"{colors}, {count(len(field.data), 'Frame')}")
 
 
 def hologram(layout: UILayout, context: Context) -> None:
-    """The phases that an SLM shows."""
+    """Phases that an SLM shows: encoding, frame and display."""
     props = properties.of(context.scene)
     layout.prop(props, "encoding")
     if props.encoding != "dpac":
@@ -365,35 +365,35 @@ def hologram(layout: UILayout, context: Context) -> None:
 
 
 def _encoding(layout, context):
-    """What encoding will do, and what more seconds would bring; once a plan can tell."""
+    """Draw the plan of encoding, and the use of more seconds, if there is a plan."""
     try:
-        chosen = session.encoding_of(context.scene)
+        plan = session.encoding_of(context.scene)
     except engine.InvalidInput as error:
         alert(layout, context, str(error))
         return
-    if chosen is None:
+    if plan is None:
         return
     column = layout.column(align=True)
-    label = ENCODINGS[chosen.method].label
-    wrapped(column, context, f"{label}: About {duration(chosen.seconds)}" if chosen.seconds else label)
-    if chosen.memory_bytes:
-        wrapped(column, context, f"Memory: {chosen.memory_bytes / 1e6:.0f} MB")
-    for warning in chosen.warnings:
+    label = ENCODINGS[plan.method].label
+    wrapped(column, context, f"{label}: About {duration(plan.seconds)}" if plan.seconds else label)
+    if plan.memory_bytes:
+        wrapped(column, context, f"Memory: {plan.memory_bytes / 1e6:.0f} MB")
+    for warning in plan.warnings:
         wrapped(column, context, warning, icon="ERROR")
     reason = column.column(align=True)
     reason.active = False
-    wrapped(reason, context, chosen.reason)
-    if chosen.advice:
-        wrapped(layout, context, chosen.advice, icon="INFO")
+    wrapped(reason, context, plan.reason)
+    if plan.advice:
+        wrapped(layout, context, plan.advice, icon="INFO")
 
 
 def estimate(layout: UILayout, context: Context) -> None:
-    """What the plan decided, why, and how long it takes."""
+    """Estimated time and memory, and the plan's decisions with their reasons."""
     layout.operator("holopath.plan", icon="TIME")
     plan = session.plan_of(context.scene)
     if plan is None:
         return
-    if plan.seconds:  # of baselines nothing is foretold
+    if plan.seconds:  # baselines have no estimate
         column = layout.column(align=True)
         wrapped(column, context, f"Time: About {plan.seconds:.0f} s")
         wrapped(column, context, f"Memory: {plan.memory_bytes / 1e6:.0f} MB")
@@ -409,7 +409,7 @@ def estimate(layout: UILayout, context: Context) -> None:
 
 
 def notes(layout: UILayout, context: Context) -> None:
-    """What the exporter approximated or left out."""
+    """Features that the exporter approximated or left out."""
     if session.plan_of(context.scene) is None:
         wrapped(layout, context, "Listed by Estimate and Render")
         return
@@ -420,13 +420,13 @@ def notes(layout: UILayout, context: Context) -> None:
 
 
 def _method(props: HoloPathSettings) -> str:
-    """The chosen method as its menu has it."""
+    """Label of the chosen method."""
     methods: Any = props.bl_rna.properties["method"]  # an EnumProperty
     return methods.enum_items[props.method].name
 
 
 def _title(name: str) -> str:
-    """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase Field``."""
+    """Name of a decision in title case: ``settings.phase_field`` is ``Phase Field``."""
     words = name.removeprefix("settings.").replace("_", " ").replace(" a pixel", " per pixel").split()
     small = {"a", "an", "and", "at", "by", "for", "in", "of", "on", "or", "per", "the", "to", "with"}
     return " ".join(

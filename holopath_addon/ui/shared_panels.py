@@ -3,7 +3,7 @@
 import bpy
 
 _ENGINE = "HOLOPATH"
-# Basics every engine may show are marked with Blender's oldest engine; the Principled BSDF's are EEVEE's.
+# Panels that any engine may show are marked with Blender's oldest engine; these are marked as EEVEE's.
 _EEVEE = {
     "EEVEE_MATERIAL_PT_context_material",
     "EEVEE_MATERIAL_PT_surface",
@@ -16,6 +16,7 @@ _EXCLUDED = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes", "RENDER_PT_simp
 
 
 def _panels():
+    """Sets of engines of the panels to share."""
     for name in dir(bpy.types):
         panel = getattr(bpy.types, name)
         if not (isinstance(panel, type) and issubclass(panel, bpy.types.Panel)):
@@ -28,7 +29,7 @@ def _panels():
 
 
 def share_panels():
-    """Show them for HoloPath."""
+    """Show these panels for HoloPath."""
     for engines in _panels():
         engines.add(_ENGINE)
 

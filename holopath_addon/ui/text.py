@@ -1,4 +1,4 @@
-"""Words in panels."""
+"""Text and layouts of panels."""
 
 import textwrap
 
@@ -6,33 +6,43 @@ from bpy.types import Context, Menu, Panel, UILayout
 
 
 def count(number: int, thing: str) -> str:
-    """``1 frame``, ``8 frames``."""
+    """Count things in words: ``1 frame``, ``8 frames``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def layout_of(drawn: Panel | Menu) -> UILayout:
-    """The layout that Blender has given a panel or menu before it asks for its contents."""
-    assert drawn.layout is not None
-    return drawn.layout
+def layout_of(owner: Panel | Menu) -> UILayout:
+    """Layout of a panel or menu, which Blender sets before `draw`."""
+    assert owner.layout is not None
+    return owner.layout
 
 
-def split_layout_of(drawn: Panel) -> UILayout:
-    """`layout_of` with labels at the left, as in Blender's properties."""
-    layout = layout_of(drawn)
+def split_layout_of(owner: Panel) -> UILayout:
+    """Layout of a panel with labels at the left, as in Blender's Properties."""
+    layout = layout_of(owner)
     layout.use_property_split = True
     layout.use_property_decorate = False
     return layout
 
 
 def alert(layout: UILayout, context: Context, text: str) -> None:
-    """What went wrong, in red."""
+    """Draw an error text in red; see `wrapped`."""
     column = layout.column()
     column.alert = True
     wrapped(column, context, text, icon="ERROR")
 
 
 def wrapped(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
-    """Label that wraps at the region's width."""
+    """Draw a label that wraps at the region's width.
+
+    Parameters
+    ----------
+    layout : UILayout
+    context : Context
+        Context of the panel, whose region has the width.
+    text : str
+    icon : str
+        Name of Blender's icon in the first line.
+    """
     assert context.preferences is not None and context.region is not None  # while a panel is drawn
     scale = context.preferences.system.ui_scale
     characters = max(16, int((context.region.width / scale - 60) / 6.2))

@@ -1,1 +1,1 @@
-"""What Blender and the command line share: a hologram with its pictures, its folder, and what is said of both."""
+"""Workflow that Blender and the command line share: a hologram with its images, its folder, and messages."""

@@ -1,4 +1,4 @@
-"""What went wrong, in one sentence."""
+"""Messages and exit statuses of exceptions."""
 
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
 from ..engine.errors import cancelled
@@ -9,7 +9,7 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
 def sentence(error):
-    """One line for the user about any exception that work may raise.
+    """One-line message for the user about any exception that work may raise.
 
     Parameters
     ----------
@@ -22,24 +22,24 @@ def sentence(error):
     if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, FarmFailed)):
         return one_line(error)
     if cancelled(error):
-        told = one_line(error) if isinstance(error, Cancelled) and str(error) else ""
-        return told or "Cancelled: nothing was written."
+        message = one_line(error) if isinstance(error, Cancelled) and str(error) else ""
+        return message or "Canceled: nothing was written."
     if isinstance(error, MemoryError):
-        return "Not enough memory: use fewer pixels, frames or wavelengths, or a lower quality."
+        return "Not enough memory. Use fewer pixels, frames or wavelengths, or a lower quality."
     if isinstance(error, OSError):
         reason = error.strerror or one_line(error)
         where = f" ({error.filename})" if error.filename else ""
-        return (
-            f"The files could not be written or read: {reason}{where}; free space or choose another folder."
-        )
-    return f"Unexpected {type(error).__name__}: {one_line(error)} (a bug in HoloPath: please report it)."
+        return f"Files could not be written or read: {reason}{where}. Free space or choose another folder."
+    return (
+        f"Unexpected {type(error).__name__}: {one_line(error)}. This is a bug in HoloPath: please report it."
+    )
 
 
 def status(error):
-    """Exit status for an exception: 2 for bad input, else 1."""
+    """Exit status of the command line for an exception: 2 for bad input, else 1."""
     return BAD_INPUT if isinstance(error, InvalidInput) else FAILED
 
 
 def one_line(error):
-    """An exception's text on one line, else its name."""
+    """Text of an exception on one line, or its type's name if it has none."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Pictures and the output folder on disk. Imports no bpy; everything appears whole or not at all."""
+"""Images and output folders on disk: a file or folder appears complete or not at all."""
 
 import json
 import os
@@ -15,20 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import InvalidInput, PhaseHologram, Pupil, WaveField
-from ..engine.files import BROWSED, whole_file, whole_folder
+from ..engine.files import BROWSER_FILES, whole_file, whole_folder
 from ..engine.scene import variants
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"
 FORMAT_VERSION = 1
-# HoloPath's own, which only some installations tell; a test holds that pyproject.toml and the manifest say the same.
+# HoloPath's version, which only some installations know; a test compares it with pyproject.toml and the manifest.
 VERSION = "0.2.0"
 FRAME = re.compile(r"frame_(-?[0-9]+)")
-SHEET_SIDE, SHEET_GAP, SHEET_GRAY = (
-    640,
-    8,
-    96,
-)  # of a contact sheet: pixels of a picture, between two, and around them
+# Of a contact sheet: maximum pixels of an image's side, pixels between two images, and gray level around them.
+SHEET_SIDE, SHEET_GAP, SHEET_GRAY = 640, 8, 96
 _OWN = {
     "wavefield",
     "reconstruction",
@@ -45,13 +42,22 @@ _OWN = {
 
 
 def exposure(images):
-    """Linear value to show as white: the 99th percentile of all pictures together, so that they compare."""
+    """Linear value to show as white: the 99th percentile of all images together, which makes them comparable.
+
+    Parameters
+    ----------
+    images : array_like
+
+    Returns
+    -------
+    float
+    """
     white = float(np.percentile(images, 99))
     return white if white > 0 else 1.0
 
 
 def encode_exr(rgb):
-    """OpenEXR file of a linear RGB picture.
+    """OpenEXR file of a linear RGB image.
 
     Parameters
     ----------
@@ -66,13 +72,13 @@ def encode_exr(rgb):
 
 
 def encode_png(rgb, white):
-    """8-bit sRGB PNG file of a linear RGB picture.
+    """8-bit sRGB PNG file of a linear RGB image.
 
     Parameters
     ----------
     rgb : numpy.ndarray, shape (y, x, 3)
     white : float
-        Linear value that becomes white, see `exposure`.
+        Linear value shown as white, see `exposure`.
 
     Returns
     -------
@@ -82,36 +88,36 @@ def encode_png(rgb, white):
 
 
 def _srgb(rgb, white):
-    """Bytes of a linear picture, IEC 61966-2-1."""
+    """Levels in sRGB of a linear image, IEC 61966-2-1."""
     linear = np.clip(np.asarray(rgb, np.float32) / white, 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return (encoded * 255 + 0.5).astype(np.uint8)
 
 
-def contact_sheet(pictures, lens, phases=None):
-    """PNG file that shows a hologram at a glance.
+def contact_sheet(images, lens_image, phases=None):
+    """PNG file with an overview of a hologram.
 
-    At the left are the phases of one frame and wavelength, black to white for a turn, each pixel as two by two; the
-    middle of them where there are more than fit. At the right are the pictures in pairs, the middle one last, and
-    beside it the picture through a thin lens.
+    At the left are the phases of one frame and wavelength, black to white for a turn, each pixel as two by two,
+    cropped to the sheet's height. At the right are the images in pairs, the middle one last, and beside it the image
+    through a thin lens.
 
     Parameters
     ----------
-    pictures : sequence of numpy.ndarray, linear RGB, shape (y, x, 3)
-        Focused at each distance, to be shown at one exposure.
-    lens : numpy.ndarray, linear RGB, shape (y, x, 3)
-        Of a thin lens that is focused as the middle one of the pictures, `middle`.
+    images : sequence of numpy.ndarray, linear RGB, shape (y, x, 3)
+        Images at each focus distance, which are shown at one exposure.
+    lens_image : numpy.ndarray, linear RGB, shape (y, x, 3)
+        Image through a thin lens with the focus of the middle image, see `middle`.
     phases : numpy.ndarray, shape (y, x), optional
-        Radians. Without them there are pictures alone.
+        Radians. Without them there are only images.
 
     Returns
     -------
     bytes
     """
-    order = list(pictures)
+    order = list(images)
     compared = order.pop(middle(order))
-    whites = exposure(np.stack(pictures)), exposure(lens)
-    tiles = [_tile(picture, whites[0]) for picture in [*order, compared]] + [_tile(lens, whites[1])]
+    white = exposure(np.stack(images))
+    tiles = [_tile(image, white) for image in [*order, compared]] + [_tile(lens_image, exposure(lens_image))]
     if len(tiles) % 2:
         tiles.insert(-2, np.full_like(tiles[0], SHEET_GRAY))
     height, width = tiles[0].shape[:2]
@@ -120,7 +126,7 @@ def contact_sheet(pictures, lens, phases=None):
     drawn = None
     if phases is not None:
         drawn = np.round(np.asarray(phases) * (256 / (2 * np.pi))).astype(np.int64) % 256
-        drawn = _inner(drawn.repeat(2, 0).repeat(2, 1), tall, 2 * width + SHEET_GAP)
+        drawn = _crop(drawn.repeat(2, 0).repeat(2, 1), tall, 2 * width + SHEET_GAP)
         left = drawn.shape[1] + SHEET_GAP
     sheet = np.full((tall, left + 2 * step[1] - SHEET_GAP, 3), SHEET_GRAY, np.uint8)
     if drawn is not None:
@@ -132,13 +138,23 @@ def contact_sheet(pictures, lens, phases=None):
     return _encode(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
 
 
-def middle(pictures):
-    """Index of the picture that a contact sheet compares with a thin lens's."""
-    return len(pictures) // 2
+def middle(images):
+    """Index of the image that a contact sheet compares with that of a thin lens.
+
+    Parameters
+    ----------
+    images : sequence
+        Anything with one entry per focus distance.
+
+    Returns
+    -------
+    int
+    """
+    return len(images) // 2
 
 
 def _tile(rgb, white):
-    """Bytes of a picture, at most `SHEET_SIDE` pixels wide and high: means of blocks of pixels, which keep speckle."""
+    """Levels in sRGB of an image of at most `SHEET_SIDE` pixels a side: means over blocks, which keep speckle."""
     rgb = np.asarray(rgb, np.float32)
     block = -(-max(rgb.shape[:2]) // SHEET_SIDE)
     height, width = (side // block for side in rgb.shape[:2])
@@ -146,9 +162,11 @@ def _tile(rgb, white):
     return _srgb(inner.mean((1, 3)), white)
 
 
-def _inner(image, height, width):
-    """The middle of an image, no larger than that."""
-    top, left = (max(0, (have - want) // 2) for have, want in zip(image.shape, (height, width), strict=True))
+def _crop(image, height, width):
+    """Middle part of an image, with at most that height and width."""
+    top, left = (
+        max(0, (side - limit) // 2) for side, limit in zip(image.shape, (height, width), strict=True)
+    )
     return image[top : top + height, left : left + width]
 
 
@@ -160,41 +178,74 @@ def _encode(pixels, file_format):
 
 
 def frame_folder(folder, number):
-    """Output folder of a frame of an animation that is kept in `folder`."""
+    """Output folder of a frame of an animation.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder of the animation.
+    number : int
+
+    Returns
+    -------
+    pathlib.Path
+    """
     return Path(folder) / f"frame_{number:04d}"
 
 
 def frame_folders(folder):
-    """Output folders of the frames that `folder` keeps of an animation, in order."""
+    """Existing output folders of an animation's frames, in order.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder of the animation.
+
+    Returns
+    -------
+    list of pathlib.Path
+    """
     frames = [path for path in Path(folder).glob("frame_*") if FRAME.fullmatch(path.name)]
     return sorted(frames, key=lambda path: int(path.name[6:]))
 
 
 def picture_name(focus, pupil=None):
-    """Stem of the file of a picture focused at `focus` metres, through a part of the pupil."""
+    """Stem of the file of a refocused image.
+
+    Parameters
+    ----------
+    focus : float
+        Meters.
+    pupil : engine.Pupil, optional
+        Part of the pupil that the image is seen through.
+
+    Returns
+    -------
+    str
+    """
     part = "" if pupil is None else "_pupil_{:.4g}_{:.4g}_{:.4g}mm".format(*(1e3 * v for v in astuple(pupil)))
     return f"focus_{format_distance(focus)}m{part}"
 
 
 def picture_files(images, focus, white=None, pupil=None, distances=None):
-    """Files of focused pictures: linear EXR, and with `white` a viewable PNG.
+    """Files of refocused images: linear EXR, and with `white` a viewable PNG.
 
     Parameters
     ----------
     images : sequence of numpy.ndarray, shape (y, x, 3)
     focus : sequence of float
-        Metres.
+        World depths, meters.
     white : float, optional
         See `exposure`.
     pupil : engine.Pupil, optional
-        The part of it that they are seen through.
+        Part of the pupil that the images are seen through.
     distances : sequence of float, optional
-        Millimeters from the SLM, if these were asked for: files are named by them, not by depths in the scene.
+        Distances from the SLM, millimeters, to name the files by. Default: names by `focus`.
 
     Returns
     -------
-    dict
-        File name to bytes.
+    dict of str to bytes
+        Contents by name.
     """
     files = {}
     for number, (image, depth) in enumerate(zip(images, focus, strict=True)):
@@ -207,31 +258,64 @@ def picture_files(images, focus, white=None, pupil=None, distances=None):
     return files
 
 
-def of_phases(files):
-    """`picture_files` under the names that pictures of phases have, beside those of the field."""
+def hologram_files(files):
+    """Files of images that phases show, with names beside those of the field's images.
+
+    Parameters
+    ----------
+    files : dict of str to bytes
+        See `picture_files`.
+
+    Returns
+    -------
+    dict of str to bytes
+    """
     return {f"hologram_{name}": data for name, data in files.items()}
 
 
 def pupil_of(report):
-    """The part of the pupil that an output folder's pictures were rendered through; None: all of it."""
+    """Part of the pupil that an output folder's images are seen through.
+
+    Parameters
+    ----------
+    report : dict
+        See `read_report`.
+
+    Returns
+    -------
+    engine.Pupil or None
+        None for the whole pupil.
+    """
     return Pupil(**report["pupil_m"]) if report.get("pupil_m") else None
 
 
 def first_picture(folder, report):
-    """The viewable picture of an output folder that is focused where its report's first focus is; an absolute path."""
+    """Path of an output folder's viewable image at the first focus of its report.
+
+    Parameters
+    ----------
+    folder : path
+    report : dict
+        See `read_report`.
+
+    Returns
+    -------
+    pathlib.Path
+        Absolute.
+    """
     name = picture_name(float(report["focus_m"][0]), pupil_of(report))
     return Path(folder).absolute() / "reconstruction" / f"{name}.png"
 
 
 def write_pictures(folder, files):
-    """Write files into a folder, each replaced only when all have been written beside it.
+    """Write files into a folder; none replaces an old one before all are written.
 
     Parameters
     ----------
     folder : path
-        Made if it does not exist.
-    files : dict
-        File name to bytes.
+        Created if it does not exist.
+    files : dict of str to bytes
+        Contents by name.
 
     Raises
     ------
@@ -250,47 +334,88 @@ def write_pictures(folder, files):
 
 
 def stored_field(folder):
-    """The wave field of an output folder, or of one that holds nothing else.
+    """Load the wave field of an output folder.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder, or the folder of a field alone.
+
+    Returns
+    -------
+    engine.WaveField
 
     Raises
     ------
     InvalidInput
+        If the folder has no field.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InvalidInput(f"The folder {folder} does not exist: give `holopath render`'s output folder.")
+        raise InvalidInput(f"The folder {folder} does not exist. Give an output folder of `holopath render`.")
     inner = folder / "wavefield"
     return WaveField.load(inner if inner.is_dir() else folder)
 
 
 def stored_hologram(folder):
-    """The phase hologram of an output folder, or of one that holds nothing else.
+    """Load the phase hologram of an output folder.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder, or the folder of a hologram alone.
+
+    Returns
+    -------
+    engine.PhaseHologram
 
     Raises
     ------
     InvalidInput
+        If the folder has no hologram.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InvalidInput(f"The folder {folder} does not exist: give one that holds a hologram.")
+        raise InvalidInput(f"The folder {folder} does not exist. Give a folder with a hologram.")
     inner = folder / "hologram"
     return PhaseHologram.load(inner if inner.is_dir() else folder)
 
 
 def stored_holograms(folder):
-    """Those of an animation's output folder, frame after frame, else the only one.
+    """Load the phase holograms of an animation's output folder, one per frame, or a still's only one.
+
+    Parameters
+    ----------
+    folder : path
+        See `stored_hologram`.
+
+    Returns
+    -------
+    list of engine.PhaseHologram
 
     Raises
     ------
     InvalidInput
+        If the folder has no hologram.
     """
-    named = ((FRAME.fullmatch(path.parent.name), path) for path in Path(folder).glob("frame_*/hologram"))
-    frames = sorted((int(match[1]), path) for match, path in named if match)
+    paths = Path(folder).glob("frame_*/hologram")
+    matches = ((FRAME.fullmatch(path.parent.name), path) for path in paths)
+    frames = sorted((int(match[1]), path) for match, path in matches if match)
     return [PhaseHologram.load(path) for _, path in frames] or [stored_hologram(folder)]
 
 
 def read_report(folder):
-    """The report of an output folder; empty if it has none that can be read."""
+    """Read the report of an output folder.
+
+    Parameters
+    ----------
+    folder : path
+
+    Returns
+    -------
+    dict
+        Empty if there is no readable report.
+    """
     try:
         report = json.loads((Path(folder) / "report.json").read_text())
     except (OSError, ValueError):
@@ -299,7 +424,12 @@ def read_report(folder):
 
 
 def write_report(folder, report):
-    """Write `report.json`; infinite numbers become the text ``inf``.
+    """Write `report.json` into a folder that is not in its place yet; infinite numbers become the text ``inf``.
+
+    Parameters
+    ----------
+    folder : path
+    report : dict
 
     Raises
     ------
@@ -309,7 +439,12 @@ def write_report(folder, report):
 
 
 def replace_report(folder, report):
-    """Write `report.json` of an output folder that is in its place: the old one or the new one is there.
+    """Replace `report.json` of an output folder that is in its place; there is always an old or a new one.
+
+    Parameters
+    ----------
+    folder : path
+    report : dict
 
     Raises
     ------
@@ -326,7 +461,16 @@ def _report(report):
 
 
 def plain(value):
-    """JSON-able copy: numpy numbers as Python's, infinities and NaN as text."""
+    """Copy of a value for JSON: NumPy's numbers as Python's, infinities, NaN and other objects as text.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    dict, list, str, int, float, bool or None
+    """
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -339,7 +483,13 @@ def plain(value):
 
 
 def versions():
-    """Versions of what the result depends on; names to text. Says `None` for what is not there."""
+    """Versions of the programs that results depend on.
+
+    Returns
+    -------
+    dict of str to (str or None)
+        By name; None for a program that is not installed.
+    """
     bpy = sys.modules.get("bpy")
     return {
         "holopath": VERSION,
@@ -351,7 +501,7 @@ def versions():
 
 
 def _installed(name):
-    """Version of a package, which is not imported for that."""
+    """Version of a package, without importing it; None if it is not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -359,7 +509,7 @@ def _installed(name):
 
 
 def output_folder(folder):
-    """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
+    """Context manager of a folder to fill, which replaces `folder` on success and is deleted on failure.
 
     Parameters
     ----------
@@ -369,12 +519,12 @@ def output_folder(folder):
     Returns
     -------
     context manager
-        Of a hidden folder beside it, `pathlib.Path`.
+        Gives a hidden folder beside it, `pathlib.Path`.
 
     Raises
     ------
     InvalidInput
-        At once if the folder holds something else or cannot be made.
+        On entry, if the folder holds other files or cannot be created.
     OSError
     """
     return whole_folder(folder, _check_free)
@@ -384,23 +534,23 @@ def _check_free(folder):
     names, own = _contents(folder)
     if names and not (own and names <= _OWN | {read_report(folder).get("contact_sheet")}):
         raise InvalidInput(
-            f"The output folder {folder} holds files that are not HoloPath's: choose a new folder."
+            f"The output folder {folder} holds files that are not HoloPath's. Choose a new folder."
         )
 
 
 def _contents(folder):
-    """Names in a folder, and whether it has a report of ours; of one and the same folder where others replace it."""
+    """Names in a folder, and whether it has HoloPath's report; both of the same folder if others replace it."""
     while True:
         try:
             before = folder.stat()
             if not stat.S_ISDIR(before.st_mode):
                 break
-            names = {entry.name for entry in folder.iterdir()}.difference(BROWSED)
+            names = {entry.name for entry in folder.iterdir()}.difference(BROWSER_FILES)
             own = read_report(folder).get("format") == FORMAT
             if folder.stat().st_ino == before.st_ino:
                 return names, own
-        except (FileNotFoundError, NotADirectoryError):  # never there, or moved away just now
+        except (FileNotFoundError, NotADirectoryError):  # it does not exist, or was moved just now
             if folder.is_symlink():
                 break
             return set(), False
-    raise InvalidInput(f"The output {folder} is a file: choose a folder.")
+    raise InvalidInput(f"The output {folder} is a file. Choose a folder.")

@@ -1,4 +1,4 @@
-"""From a scene to refocused pictures in one call: what the command line and Blender share. Imports no bpy."""
+"""Computation of a hologram from a scene to refocused images and phases."""
 
 import math
 import time
@@ -13,33 +13,36 @@ from ..engine.memory import encoding_on_card, on_processor, refocusing_on_card
 from ..engine.planning.planner import resolved
 from ..engine.progress import SHARES, Clock, Compiling, Stages, stage
 from ..engine.waves import libraries
+from .request import CENTER
 
-COARSER = 1.5  # times larger texels than pixels show
-MOST_NAMES = 8  # in one line
-SOON = 2.0  # seconds within which no preview is needed
-PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
-# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them: where that much is
-# foretold it takes three to five times as long. The default cube takes twice as long, and goes without.
-SEVERAL = 2.5
-COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
-DRAFT_FRAMES = 4  # most
-DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
-BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
+MAX_TEXEL_PIXEL_RATIO = 1.5  # size of a texel over that of a pixel, above which shadows are visibly softer
+MAX_NAMES = 8  # names in one line
+MIN_PREVIEW_SECONDS = 2.0  # estimated time of a render from which on it has previews
+PREVIEW_FRACTION = 0.1  # of the estimated time of the hologram, or of its draft
+# Ratio of the hologram's to the draft's estimated seconds from which on a draft pays off: the measured ratio is then
+# three to five. The default cube has a ratio of two, and no draft.
+MIN_DRAFT_RATIO = 2.5
+DRAFT_COMPILE_RATIO = (
+    3.0  # time to compile a draft's programs over that of its plan, if the plan compiled any
+)
+MAX_DRAFT_FRAMES = 4
+DRAFT_METHODS = {"auto", "full", "fast"}  # methods whose hologram a draft resembles
+PLANNING_PROGRESS_RANGE = 0.02, 0.5  # bounds of the fraction of the work that is done after planning
 
 
 @dataclass
 class Result:
-    """What `compute` brings.
+    """Result of `compute`.
 
     Attributes
     ----------
     plan : engine.Plan
     field : engine.WaveField
     focus : list of float
-        World depths of the pictures, metres.
+        World depths of the images, meters.
     images : numpy.ndarray, float32, shape (focus, y, x, wavelength)
     seconds : dict of str to float
-        Of each stage.
+        Seconds of each stage.
     """
 
     plan: engine.Plan
@@ -49,8 +52,8 @@ class Result:
     seconds: dict
 
 
-def dioptres_in_view(plan, camera, hologram):
-    """Nearest and farthest depth in view, in dioptres; 0 is infinity.
+def diopters_in_view(plan, camera, hologram):
+    """Nearest and farthest visible depth, diopters; 0 is infinity.
 
     Parameters
     ----------
@@ -67,29 +70,29 @@ def dioptres_in_view(plan, camera, hologram):
 
 
 def default_focus(plan, camera, hologram):
-    """Three world depths spread evenly in dioptres over what is in view: near, middle and far, metres.
+    """Near, middle and far depth of the view, evenly spaced in diopters.
 
     Parameters
     ----------
     plan, camera, hologram
-        See `dioptres_in_view`.
+        See `diopters_in_view`.
 
     Returns
     -------
     list of float
-        Nearest first, `math.inf` where the view reaches infinity; fewer where depths coincide.
+        World depths, meters, nearest first; `math.inf` if the view reaches infinity. Fewer if depths coincide.
     """
-    near, far = dioptres_in_view(plan, camera, hologram)
+    near, far = diopters_in_view(plan, camera, hologram)
     depths = []
-    for dioptres in (near, (near + far) / 2, far):
-        depth = float(f"{1 / dioptres:.3g}") if dioptres > 1e-6 else math.inf
+    for diopters in (near, (near + far) / 2, far):
+        depth = float(f"{1 / diopters:.3g}") if diopters > 1e-6 else math.inf
         if depth not in depths:
             depths.append(depth)
     return depths
 
 
-def centre_depth(scene, camera):
-    """Depth of what is in the middle of the view, as an autofocus finds it.
+def center_depth(scene, camera):
+    """Depth of the surfaces in the middle of the view, for autofocus.
 
     Parameters
     ----------
@@ -99,7 +102,7 @@ def centre_depth(scene, camera):
     Returns
     -------
     float or None
-        World depth in metres: the median over the middle tenth of the view; None where nothing is.
+        Median world depth over the middle tenth of the view, meters; None if most of it is empty.
     """
     from ..engine.viewing.depth import depths_along
 
@@ -114,37 +117,38 @@ def centre_depth(scene, camera):
 
 
 def bake_notes(bake):
-    """What to know of baked light, a line each.
+    """Notes for the user on baked light.
 
     Parameters
     ----------
     bake : dict or None
-        An `engine.baking.Bake`, as `WaveField.report` has it.
+        Entries of an `engine.baking.Bake`, as in `WaveField.report`; None without baked light.
 
     Returns
     -------
     list of str
+        A line each.
     """
     if bake is None:
         return []
     from ..engine.light.unwrapping import LACKING
 
     notes = [note for note in (bake["note"], LACKING) if note]
-    if bake["coarser"] > COARSER:
+    if bake["coarser"] > MAX_TEXEL_PIXEL_RATIO:
         notes.append(
-            f"The texels of the baked light are {bake['coarser']:.1f} times larger than pixels, to bound memory: "
-            f"shadows are softer; the method full has none of that."
+            f"To limit memory, texels of the baked light are {bake['coarser']:.1f} times larger than pixels, and "
+            "shadows softer. The method full has sharp ones."
         )
     if bake["traced"]:
         count = len(bake["traced"])
-        names = ", ".join(bake["traced"][:MOST_NAMES]) + (", ..." if count > MOST_NAMES else "")
-        things = "1 shape's" if count == 1 else f"{count} shapes'"
-        notes.append(f"{things} diffuse light is traced, not baked: {names}.")
+        names = ", ".join(bake["traced"][:MAX_NAMES]) + (", ..." if count > MAX_NAMES else "")
+        shapes = "1 shape's" if count == 1 else f"{count} shapes'"
+        notes.append(f"{shapes} diffuse light is traced, not baked: {names}.")
     return notes
 
 
-def _planned(field):
-    """What a field was rendered by; None where there is none, or another version planned it."""
+def _plan_of(field):
+    """The `Plan` that a field was rendered by; None without a field, or if another version made the plan."""
     if field is None:
         return None
     try:
@@ -154,7 +158,7 @@ def _planned(field):
 
 
 def _check_view(plan, camera, hologram, focus, pupil):
-    """Refuse what `engine.reconstruct` would, before the long work."""
+    """Raise the errors of `engine.reconstruct` before the render starts."""
     from ..engine.viewing.reconstruction import pupil_mask
 
     mapping = DepthMapping.of(hologram, camera, plan.near)
@@ -165,15 +169,15 @@ def _check_view(plan, camera, hologram, focus, pupil):
             pupil_mask(grid.shape, grid.pitch, wavelength, mapping, pupil, hologram.optics)
 
 
-def _begun(started, plan):
-    """Share of the whole time that has passed since then, by what the plan foretells; of baselines that is nothing."""
-    least, most = BEGUN
-    spent = time.monotonic() - started
-    return min(max(least, spent / (spent + plan.seconds)), most) if plan.seconds else least
+def _elapsed_fraction(start, plan):
+    """Fraction of the whole time that has passed since `start`, by the plan's estimate, which baselines lack."""
+    low, high = PLANNING_PROGRESS_RANGE
+    elapsed = time.monotonic() - start
+    return min(max(low, elapsed / (elapsed + plan.seconds)), high) if plan.seconds else low
 
 
 def _preview(request, plan, focus, seconds, progress, offer):
-    """Offer pictures through a thin lens, ever finer: one, and more for so long."""
+    """Offer ever finer images through a thin lens for about that many seconds, at least one."""
     start = time.monotonic()
     camera, hologram, pupil = request.camera, request.hologram, request.pupil
     mapping = DepthMapping.of(hologram, camera, plan.near)
@@ -181,80 +185,81 @@ def _preview(request, plan, focus, seconds, progress, offer):
     aperture *= hologram.optics.opening[2]
     channels = [channel(w) for w in hologram.wavelengths]
     camera, hologram = squared(camera, hologram)
-    size, centre = (hologram.width, hologram.height), (0.0, 0.0)
+    size, center = (hologram.width, hologram.height), (0.0, 0.0)
     if pupil is not None:
-        aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
+        aperture, center = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
     vertices = request.settings.max_depth
-    picture = engine.Preview(request.scene, camera, *size, focus, aperture, vertices, centre=centre)
-    # each picture has twice the paths of the last, and takes as long as all before
-    while 2 * (time.monotonic() - start) < seconds or not picture.spp:
-        light = picture.refine(max(1, picture.spp), progress)
+    preview = engine.Preview(request.scene, camera, *size, focus, aperture, vertices, center=center)
+    # Each image has twice the paths of the last one, and takes as long as all before.
+    while 2 * (time.monotonic() - start) < seconds or not preview.spp:
+        light = preview.refine(max(1, preview.spp), progress)
         offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
 
 
 @dataclass(frozen=True)
 class _Draft:
-    """A hologram of less quality that is there in a fraction of the time."""
+    """Plan of a hologram of draft quality, which takes a fraction of the time."""
 
     plan: engine.Plan
-    seconds: float  # foretold
+    seconds: float  # estimated
 
 
 def _draft(request, plan):
-    """The `_Draft` of a planned hologram; None where waiting for the hologram itself is as good."""
+    """The `_Draft` of a planned hologram; None if it would save too little time."""
     settings = request.settings
-    if settings.method not in DRAFTED or settings.quality == "draft":
+    if settings.method not in DRAFT_METHODS or settings.quality == "draft":
         return None
     settings = resolved(settings)
     settings = replace(
         settings,
         quality="draft",
-        method="full",  # what a draft bakes would serve the hologram, and change it
-        frames=min(settings.frames, DRAFT_FRAMES),
+        method="full",  # the hologram would use a draft's baked light, and change by it
+        frames=min(settings.frames, MAX_DRAFT_FRAMES),
         speckle=None,
         spp=None,
         despeckle=0,
     )
-    compiles, started = Compiling(), time.monotonic()
-    drafted = engine.plan(request.scene, request.camera, request.hologram, settings, request.store)
-    stages = {name: min(own, plan.stages.get(name, own)) for name, own in drafted.stages.items()}
+    compiles, start = Compiling(), time.monotonic()
+    draft = engine.plan(request.scene, request.camera, request.hologram, settings, request.store)
+    stages = {name: min(own, plan.stages.get(name, own)) for name, own in draft.stages.items()}
     if "radiance" in stages and plan.passes and not plan.cached:
-        # The wanted plan has looked at more paths, and knows better how long they take.
-        stages["radiance"] = min(stages["radiance"], plan.stages["radiance"] * drafted.passes / plan.passes)
+        # The hologram's plan has traced more paths, so its estimate of their time is better.
+        stages["radiance"] = min(stages["radiance"], plan.stages["radiance"] * draft.passes / plan.passes)
     seconds = sum(stages.values())
     if compiles():
-        seconds += COMPILED * (time.monotonic() - started)
-    return _Draft(drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+        seconds += DRAFT_COMPILE_RATIO * (time.monotonic() - start)
+    return _Draft(draft, seconds) if MIN_DRAFT_RATIO * seconds <= plan.seconds else None
 
 
-def _drafted(request, draft, depths, progress):
-    """The `Result` of a draft."""
-    view = request.scene, request.camera, request.hologram
-
-    def told(done, message):
-        progress(done, f"Draft: {message}")
-
-    stages = Stages(told, "images")
-    field = engine.render(*view, plan=draft.plan, progress=stages["field"], store=request.store)
+def _render_draft(request, plan, depths, progress):
+    """The `Result` of a draft by its plan."""
+    stages = Stages(lambda done, message: progress(done, f"Draft: {message}"), "images")
+    field = engine.render(
+        request.scene,
+        request.camera,
+        request.hologram,
+        plan=plan,
+        progress=stages["field"],
+        store=request.store,
+    )
     images, notes = reconstruct(field, depths, request.pupil, stages["images"])
-    return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
+    return Result(_with_warnings(plan, notes), field, depths, images, field.report["seconds"])
 
 
 def compute(request, progress=None, rendered=None, offer=None):
-    """Plan, render and refocus.
+    """Plan, render and refocus a hologram.
 
     Parameters
     ----------
     request : Request
-        Frames that its encoding goes towards are traced along.
+        The extra frames that its encoding needs are traced along with the field's.
     progress : callable, optional
         ``progress(done, message)``, may raise `engine.Cancelled`.
     rendered : engine.WaveField, optional
-        Of the same scene and settings, to be refocused instead of rendering it again.
+        Field of the same scene and settings, to refocus instead of rendering again.
     offer : callable, optional
-        ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile; ``offer(picture, draft)`` with the
-        `Result` of quality draft that it is of, where the hologram takes several times as long. The hologram is the
-        same with and without.
+        ``offer(image)`` is called with previews, linear RGB of shape (y, x, 3), and ``offer(image, draft)`` with that
+        of a draft and its `Result`, if the hologram takes several times as long. The hologram does not depend on it.
 
     Returns
     -------
@@ -268,119 +273,138 @@ def compute(request, progress=None, rendered=None, offer=None):
     if request.method is not None:
         request = replace(request, settings=replace(request.settings, method=request.method))
     scene, camera, hologram, settings = request.scene, request.camera, request.hologram, request.settings
-    started, clock = time.monotonic(), Clock()
+    start, clock = time.monotonic(), Clock()
     progress(0.0, "Planning")
     with clock("plan"):
-        at = stage(progress, 0.0, 0.0)
-        plan = _planned(rendered) or engine.plan(scene, camera, hologram, settings, request.store, at)
+        plan = _plan_of(rendered) or engine.plan(
+            scene, camera, hologram, settings, request.store, stage(progress, 0.0, 0.0)
+        )
     depths = _depths(request, plan)
     _check_view(plan, camera, hologram, depths, request.pupil)
     if rendered is None:
-        begun = _begun(started, plan)
-        if offer is not None and plan.seconds >= SOON:
-            begun = _early(request, plan, depths, started, clock, progress, offer)
+        done = _elapsed_fraction(start, plan)
+        if offer is not None and plan.seconds >= MIN_PREVIEW_SECONDS:
+            done = _offer_early(request, plan, depths, start, clock, progress, offer)
         encoding = request.encoding
-        along = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
-        at = stage(progress, begun, SHARES["images"]["field"])
-        rendered = engine.render(scene, camera, hologram, None, plan, at, request.store, along)
+        extra_frames = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
+        render_progress = stage(progress, done, SHARES["images"]["field"])
+        rendered = engine.render(
+            scene, camera, hologram, None, plan, render_progress, request.store, extra_frames
+        )
         clock.seconds.update(rendered.report["seconds"])
     with clock("refocusing"):
         images, notes = reconstruct(rendered, depths, request.pupil, Stages(progress, "images")["images"])
-    plan = _warned(plan, *rendered.plan.get("warnings", ()), *notes)
+    plan = _with_warnings(plan, [*rendered.plan.get("warnings", ()), *notes])
     return Result(plan, rendered, depths, images, clock.seconds)
 
 
 def _depths(request, plan):
-    """World depths of the images, metres, each once."""
-    focus, view = request.focus, (request.camera, request.hologram)
-    asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, *view)
-    if "centre" in asked:
-        centre = centre_depth(request.scene, request.camera) or default_focus(plan, *view)[0]
-        asked = [centre if depth == "centre" else depth for depth in asked]
-    return list(dict.fromkeys(asked))
+    """World depths of the images, meters, each once."""
+    focus, camera, hologram = request.focus, request.camera, request.hologram
+    depths = [focus] if focus == CENTER else list(focus or default_focus(plan, camera, hologram))
+    if CENTER in depths:
+        center = center_depth(request.scene, camera) or default_focus(plan, camera, hologram)[0]
+        depths = [center if depth == CENTER else depth for depth in depths]
+    return list(dict.fromkeys(depths))
 
 
-def _early(request, plan, depths, started, clock, progress, offer):
-    """Offer previews, and a draft where the hologram takes several times as long; the progress that is then reached."""
-    progress(_begun(started, plan), "Draft: Planning")
+def _offer_early(request, plan, depths, start, clock, progress, offer):
+    """Offer previews, and a draft if it pays off; the fraction of the work that is then done."""
+    progress(_elapsed_fraction(start, plan), "Draft: Planning")
     with clock("draft"):
         draft = _draft(request, plan)
-    share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
-    begun = _begun(started, plan)
+    seconds = PREVIEW_FRACTION * (plan.seconds if draft is None else draft.seconds)
+    done = _elapsed_fraction(start, plan)
     with clock("preview"):
-        _preview(request, plan, depths[0], share, stage(progress, begun, begun), offer)
-    begun = max(begun, _begun(started, plan))
+        _preview(request, plan, depths[0], seconds, stage(progress, done, done), offer)
+    done = max(done, _elapsed_fraction(start, plan))
     if draft is not None:
-        drawn = _begun(started - draft.seconds, plan)
+        end = _elapsed_fraction(start - draft.seconds, plan)
         with clock("draft"):
-            early = _drafted(request, draft, depths, stage(progress, begun, drawn))
-        offer(engine.to_rgb(early.images[0], request.hologram.wavelengths), early)
-        begun = max(drawn, _begun(started, plan))
-    return begun
+            result = _render_draft(request, draft.plan, depths, stage(progress, done, end))
+        offer(engine.to_rgb(result.images[0], request.hologram.wavelengths), result)
+        done = max(end, _elapsed_fraction(start, plan))
+    return done
 
 
-def _warned(plan, *warnings):
-    """The plan with warnings of what came of it, which it may have already."""
+def _with_warnings(plan, warnings):
+    """The plan with further warnings, each once."""
     return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *warnings))))
 
 
 def reconstruct(field, focus, pupil, progress):
-    """`engine.reconstruct` by the card where one computes waves.
+    """Refocus a field, on the graphics card if one computes waves.
+
+    Parameters
+    ----------
+    field : engine.WaveField
+    focus : sequence of float
+        World depths, meters.
+    pupil : engine.Pupil or None
+        Part of the viewer's pupil; None for all of it.
+    progress : callable
+        ``progress(done, message)``, may raise `engine.Cancelled`.
 
     Returns
     -------
-    images : numpy.ndarray
+    images : numpy.ndarray, float32, shape (focus, y, x, wavelength)
     notes : list of str
-        A sentence where the card's memory ran out.
+        A sentence if the card's memory ran out.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.Cancelled
+        See `engine.reconstruct`.
     """
 
-    def pictures(data):
+    def refocus(data):
         return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
 
     needed = refocusing_on_card(field.data.nbytes, 4 * len(focus) * field.data[0].size)
-    images, note = libraries.by_card(pictures, field.data, needed)
+    images, note = libraries.by_card(refocus, field.data, needed)
     return images, [note] * bool(note)
 
 
 def phases_by_card(work, data, needed=None):
-    """Phases that are found by the card where one computes waves; NumPy's.
+    """Compute phases on the graphics card if one computes waves.
 
     Parameters
     ----------
     work : callable
-        ``work(data)`` gives an `engine.PhaseHologram` of the library of the data.
+        ``work(data)`` gives an `engine.PhaseHologram` in the array library of the data. Its exceptions may keep one in
+        their attribute `kept`.
     data : numpy.ndarray
-        Of a field, or of phases.
+        Data of a field, or of phases.
     needed : float, optional
-        Bytes of the card's memory that it takes. Default: `encoding_on_card`.
+        Bytes of the card's memory that `work` takes. Default: `encoding_on_card`.
 
     Returns
     -------
     engine.PhaseHologram
-        Where the card's memory ran out, a sentence in the advice of its report says so.
+        In NumPy's arrays. If the card's memory ran out, the advice in its report says so.
     """
 
-    def found(data):
+    def compute_phases(data):
         try:
-            return _of_numpy(work(data))
+            return _in_numpy(work(data))
         except Exception as error:
             kept = getattr(error, "kept", None)
             if kept is not None:
-                vars(error)["kept"] = _of_numpy(kept)
+                vars(error)["kept"] = _in_numpy(kept)
             raise
 
-    phase, note = libraries.by_card(found, data, needed or encoding_on_card(data.nbytes))
+    phase, note = libraries.by_card(compute_phases, data, needed or encoding_on_card(data.nbytes))
     if note:
         phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
     return phase
 
 
-def _of_numpy(phase):
+def _in_numpy(phase):
     return replace(phase, data=on_processor(phase.data))
 
 
-def _encoded(field, method, progress, needed=None, **options):
-    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+def _encode(field, method, progress, needed=None, **options):
+    """Phases of `engine.encode`, by `phases_by_card`."""
     return phases_by_card(
         lambda data: engine.encode(replace(field, data=data, more=None), method, progress, **options),
         field.data,
@@ -389,28 +413,28 @@ def _encoded(field, method, progress, needed=None, **options):
 
 
 def encode(field, encoding, progress, scene=None, settings=None, store=None, **options):
-    """Encode a field, with many more frames of its scene where the method wants them.
+    """Encode a field, with extra frames of its scene if the method needs them.
 
     Parameters
     ----------
     field : engine.WaveField
     encoding : Encoding
-        What it begins with, `before`, is left to the `options`.
+        Its `previous` has no effect: `options` may have a `start`.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     scene : mitsuba.Scene, optional
-        That the field was rendered of. Without it and its settings `auto` is that of `engine.encode`.
+        Scene of the field. Without it and its settings the method `auto` is that of `engine.encode`.
     settings : engine.Settings, optional
-        With which it was.
+        Settings of the field.
     store : engine.BakeStore, optional
-        Where baked light is kept.
+        Store of baked light.
     options
-        Others of `engine.encode`.
+        Other arguments of `engine.encode`.
 
     Returns
     -------
     engine.PhaseHologram
-        Its `report` has the `engine.EncodingPlan`, too.
+        With a scene its `report` also has the `engine.EncodingPlan`.
 
     Raises
     ------
@@ -419,25 +443,27 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
     seconds = encoding.seconds
     options |= {**encoding.options, "seconds": seconds}
     if scene is None or settings is None:
-        return _encoded(field, encoding.method, progress, eyebox=encoding.eyebox, **options)
-    view = scene, field.camera, field.hologram
-    plan = _planned(field) or engine.plan(*view, settings, store, stage(progress, 0.0, 0.0))
-    along = 0 if field.more is None else len(field.more)
-    chosen = engine.plan_encoding(plan, encoding.method, seconds, along, encoding.eyebox)
+        return _encode(field, encoding.method, progress, eyebox=encoding.eyebox, **options)
+    camera, hologram = field.camera, field.hologram
+    plan = _plan_of(field) or engine.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
+    n_traced = 0 if field.more is None else len(field.more)
+    chosen = engine.plan_encoding(plan, encoding.method, seconds, n_traced, encoding.eyebox)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)
 
-    def many(progress):
-        if along:
-            yield list(range(len(field.hologram.wavelengths))), field.more
-        if chosen.frames > along:
-            clocked = seconds is not None
-            yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
+    def extra_frames(progress):
+        if n_traced:
+            yield list(range(len(hologram.wavelengths))), field.more
+        if chosen.frames > n_traced:
+            has_limit = seconds is not None
+            yield from engine.many_frames(
+                scene, camera, hologram, plan, progress, store, chosen.frames, n_traced, has_limit
+            )
 
     try:
         needed = plan.card_memory.get(chosen.method)
-        phase = _encoded(field, chosen.method, progress, needed, many=many, **options)
+        phase = _encode(field, chosen.method, progress, needed, many=extra_frames, **options)
     except engine.Cancelled as error:
         if error.kept is not None:
             error.kept.report["plan"] = chosen.to_dict()

@@ -1,4 +1,4 @@
-"""What a render is asked for: one record, from the button or the command line to the engine and into the report."""
+"""Request of a render: one record, from the button or the command line to the engine and into the report."""
 
 from __future__ import annotations
 
@@ -18,27 +18,29 @@ if TYPE_CHECKING:
     from ..engine.waves.display_model import DisplayModel
     from ..engine.waves.modulator import Levels
 
+CENTER = "centre"  # focus on the middle of the view, as stored in reports
+
 
 @dataclass(frozen=True)
 class Encoding:
-    """How the phases of a field are to be found.
+    """Method and options of the encoding of a field.
 
     Attributes
     ----------
     method : str
-        Of `engine.encode`; ``auto`` leaves it to `engine.plan_encoding`, and with ``none`` there are no phases.
+        Method of `engine.encode`; ``auto`` for that of `engine.plan_encoding`, ``none`` for no phases.
     seconds : float or None
         Time limit after the field, see `engine.plan_encoding`.
     eyebox : float or None
         Weight of parts of the pupil, see `engine.plan_encoding`.
     bits : int or None
-        Of the SLM.
+        Bits of the SLM's levels.
     levels : sequence of engine.Levels, or None
-        That the SLM has at each wavelength.
+        Levels of the SLM at each wavelength.
     display : sequence of engine.DisplayModel, or None
-        What the display does to light at each wavelength.
-    before : Path or None
-        Folder of the hologram whose phases these begin with: the previous frame's.
+        Model of the display at each wavelength.
+    previous : Path or None
+        Folder of the previous frame's hologram, if the optimization starts from its phases.
     """
 
     method: str = "none"
@@ -47,16 +49,16 @@ class Encoding:
     bits: int | None = None
     levels: Sequence[Levels] | None = None
     display: Sequence[DisplayModel] | None = None
-    before: Path | None = None
+    previous: Path | None = None
 
     @property
-    def wanted(self) -> bool:
-        """Whether there are to be phases."""
+    def is_requested(self) -> bool:
+        """Whether phases are requested."""
         return self.method != "none"
 
     @property
     def descends(self) -> bool:
-        """Whether phases are found by descents, which take their time."""
+        """Whether phases are found by gradient descent, which takes time."""
         return self.method not in ("none", "dpac")
 
     @property
@@ -67,20 +69,20 @@ class Encoding:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is to be written besides the field, its images and its phases.
+    """Files to write besides the field, its images and its phases.
 
     Attributes
     ----------
     reference : bool
-        Images by a thin-lens camera, and PSNR and SSIM of every image.
+        Whether to write images by a thin-lens camera, and report PSNR and SSIM of every image.
     rgbd : bool
-        An image in which everything is sharp, with the depths in it.
+        Whether to write a pinhole image with its depths.
     light_field : int or None
-        Points of the pupil in a row and in a column to write such images through.
+        Number of views in a row and in a column of pinhole images through points of the pupil.
     quilt : (int, int) or None
-        Columns and rows of such images, from the left of the pupil to its right, to write as one.
+        Columns and rows of one image of such views, from the left of the pupil to its right.
     contact_sheet : str or None
-        Name of an image that shows everything at a glance, see `output.contact_sheet`.
+        Name of an overview image, see `output.contact_sheet`.
     """
 
     reference: bool = False
@@ -92,18 +94,18 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a scene comes from, for the report.
+    """Origin of a scene, for the report.
 
     Attributes
     ----------
     name : str
-        Of the scene's file, or of the scene.
+        Name of the scene's file, or of the scene.
     notes : list of dict
-        What the exporter approximated or left out, see `export.Note`.
+        Approximations and omissions of the exporter, see `export.Note`.
     opened : dict
-        What it takes to open the scene again: its frame and the name of the camera, None each where there is none.
+        Options to open the scene again: its frame and the name of its camera, None if it has none, and others.
     job : str or None
-        Digest of the job that the render is made for, see `farm.job.SharedJob`: by it, what is done is known without
+        Digest of the job that the render belongs to, see `farm.job.SharedJob`. It identifies a finished render without
         its scene.
     """
 
@@ -115,27 +117,28 @@ class Origin:
 
 @dataclass(frozen=True)
 class Request:
-    """A scene, and all that a render of it is to bring.
+    """Scene, settings and outputs of a render.
 
     Attributes
     ----------
     hologram : engine.Hologram
     settings : engine.Settings
-    focus : sequence of float or 'centre', 'centre', or None
-        World depths of the images, metres; 'centre', alone or among them, is `pipeline.centre_depth`, else the nearest
-        surface. Those that coincide give one image. None: `pipeline.default_focus`.
+    focus : sequence of (float or CENTER), CENTER, or None
+        World depths of the images, meters. `CENTER` is `pipeline.center_depth`, or the nearest surface without one.
+        Equal depths give one image. None: `pipeline.default_focus`.
     pupil : engine.Pupil or None
+        Part of the viewer's pupil that images are seen through; None for all of it.
     store : engine.BakeStore or None
-        Where baked light is kept.
+        Store of baked light.
     encoding : Encoding
     outputs : Outputs
     origin : Origin
     method : str or None
-        How light is found, where that was decided for all frames of an animation and the settings leave it open.
+        Method of light transport for all frames of an animation, if the settings leave it open.
     scene : mitsuba.Scene
-        None until it is built, see `of`.
+        None until it is built, see `with_scene`.
     camera : engine.Camera
-        That the scene is seen by; None likewise.
+        Camera of the scene; None until the scene is built.
     """
 
     hologram: engine.Hologram
@@ -150,23 +153,35 @@ class Request:
     scene: mi.Scene = None  # pyrefly: ignore[bad-assignment]  # until it is built
     camera: engine.Camera = None  # pyrefly: ignore[bad-assignment]
 
-    def of(self, scene: mi.Scene, camera: engine.Camera, notes: Sequence[dict]) -> Request:
-        """The same of a scene that was built, and what its exporter approximated or left out."""
+    def with_scene(self, scene: mi.Scene, camera: engine.Camera, notes: Sequence[dict]) -> Request:
+        """Add the built scene to the request.
+
+        Parameters
+        ----------
+        scene : mitsuba.Scene
+        camera : engine.Camera
+        notes : sequence of dict
+            See `Origin`.
+
+        Returns
+        -------
+        Request
+        """
         return replace(self, scene=scene, camera=camera, origin=replace(self.origin, notes=list(notes)))
 
     @property
     def autofocus(self) -> bool:
-        """Whether the first image is at what is in the middle of the view."""
-        return bool(self.focus) and self.focus[0] == "centre"
+        """Whether the first image is focused on the middle of the view."""
+        return bool(self.focus) and self.focus[0] == CENTER
 
     @property
     def max_depth(self) -> int:
-        """Maximum number of vertices of a path, which its images by the path tracer have, too."""
+        """Maximum number of vertices of a path, in the field and in the path tracer's images."""
         return resolved(self.settings).max_depth
 
     @cached_property
-    def asked(self) -> dict[str, Any]:
-        """Everything that decides the result, as the report holds it."""
+    def inputs(self) -> dict[str, Any]:
+        """Every input that affects the result, by the report's keys."""
         from ..engine.scene.fingerprint import scene_digest
 
         encoding, outputs = self.encoding, self.outputs
@@ -182,11 +197,11 @@ class Request:
             "encoding_bits": encoding.bits,
             "encoding_levels": encoding.levels and [each.to_dict() for each in encoding.levels],
             "encoding_display": encoding.display and [model.to_dict() for model in encoding.display],
-            "rgbd": outputs.rgbd or None,  # None as in reports of versions that did not know them
+            "rgbd": outputs.rgbd or None,  # None as in reports of earlier versions
             "light_field": outputs.light_field,
             "quilt": outputs.quilt and list(outputs.quilt),
             "encode_seconds": encoding.seconds,
             "eyebox": encoding.eyebox,
-            "phases_before": encoding.before and encoding.before.parent.name,
+            "phases_before": encoding.previous and encoding.previous.parent.name,
             "contact_sheet": outputs.contact_sheet,
         }

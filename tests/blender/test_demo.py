@@ -15,7 +15,7 @@ from tests.patience import NEVER  # noqa: E402
 
 
 def depths(exported, x, y):
-    """Depth along the camera's axis at places of the view, in fractions of its width from the centre."""
+    """Depth along the camera's axis at places of the view, in fractions of its width from the center."""
     import mitsuba as mi
 
     camera = exported.camera
@@ -53,10 +53,10 @@ def test_depths(stage):
     assert depths(stage.export((64, 64)), [-0.2, 0.3], [0, 0]) == pytest.approx([0.5, 2.0], abs=1e-4)
     demo.build("suzanne")
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-0.45, 0.45, 24), np.linspace(-0.3, 0.45, 24)))
-    seen = depths(stage.export((64, 64)), x, y)
-    assert 0.4 < seen.min() < 0.5
-    assert seen.max() == pytest.approx(4, abs=1e-3)
-    assert ((seen > 0.85) & (seen < 1.2)).mean() > 0.05
+    measured = depths(stage.export((64, 64)), x, y)
+    assert 0.4 < measured.min() < 0.5
+    assert measured.max() == pytest.approx(4, abs=1e-3)
+    assert ((measured > 0.85) & (measured < 1.2)).mean() > 0.05
 
 
 def test_unknown_name():

@@ -1,4 +1,4 @@
-"""What comes and goes: the extension in Blender, renders in the extension. Nothing of either stays.
+"""Life of the extension in Blender, and of renders in the extension. Nothing of either stays.
 
 Whole life cycles run in a Python of their own: they load HoloPath and Mitsuba anew.
 """
@@ -25,7 +25,7 @@ PLATFORM = this_platform()
 
 
 def run(code, folder, *arguments, **environment):
-    """What a program prints last, from JSON; its Blender has user folders of its own."""
+    """Run a program in a Blender with its own user folders; the JSON that it prints last."""
     folder.mkdir()
     result = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
@@ -60,57 +60,64 @@ INSTALL = """
     import addon_utils
     from traces import modules, traces
 
-    name, told = "bl_ext.user_default.holopath", {"before": traces()}
+    name, result = "bl_ext.user_default.holopath", {"before": traces()}
 
     def install():
         bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=True)
         return sys.modules[name + ".engine.scene.variants"], sys.modules[name + ".blender.preferences"].store().folder
 
-    variants, told["store"] = install()
-    told["enabled"] = traces()
-    told["file"] = sys.modules[name].__file__
-    told["programs"] = os.environ["DRJIT_CACHE_DIR"]
+    variants, result["store"] = install()
+    result["enabled"] = traces()
+    result["file"] = sys.modules[name].__file__
+    result["programs"] = os.environ["DRJIT_CACHE_DIR"]
     variants.activate()
     addon_utils.disable(name, default_set=True)
-    told["disabled"] = traces()
-    told["forgotten"] = "DRJIT_CACHE_DIR" not in os.environ
+    result["disabled"] = traces()
+    result["forgotten"] = "DRJIT_CACHE_DIR" not in os.environ
     addon_utils.enable(name, default_set=True)
     bpy.ops.script.reload()
-    told["reloaded"] = traces()
+    result["reloaded"] = traces()
 
     renewed, _ = install()
-    told["renewed"] = traces()
+    result["renewed"] = traces()
     renewed.activate()
     import mitsuba as mi
     glass = type(mi.load_dict({"type": "dispersive_dielectric"}))
-    told["plugin"] = glass.__init__.__globals__ is vars(sys.modules[name + ".engine.scene.dispersion"])
-    told["anew"] = renewed is not variants
+    result["plugin"] = glass.__init__.__globals__ is vars(sys.modules[name + ".engine.scene.dispersion"])
+    result["anew"] = renewed is not variants
 
     addon_utils.disable("cycles")  # the exporter does without it
     session = sys.modules[name + ".operators.session"]
     bpy.context.scene.render.film_transparent = True
-    told["notes"] = session.prepare(bpy.context.evaluated_depsgraph_get(), bpy.context.scene.holopath).notes
+    result["notes"] = session.prepare(bpy.context.evaluated_depsgraph_get(), bpy.context.scene.holopath).notes
     addon_utils.enable("cycles")
 
     place = [repository.module for repository in bpy.context.preferences.extensions.repos].index("user_default")
     bpy.ops.extensions.package_uninstall(repo_index=place, pkg_id="holopath")
-    told["left"] = os.listdir(os.path.dirname(told["programs"])) if os.path.exists(told["programs"]) else []
-    told["uninstalled"], told["modules"] = traces(), modules(name)
-    print("\\n" + json.dumps(told, default=str))
+    result["left"] = os.listdir(os.path.dirname(result["programs"])) if os.path.exists(result["programs"]) else []
+    result["uninstalled"], result["modules"] = traces(), modules(name)
+    print("\\n" + json.dumps(result, default=str))
 """
 
 
 def test_from_installing_to_uninstalling(tmp_path, zipped):
-    told = run(INSTALL, tmp_path / "blender", zipped, HOLOPATH_CACHE="")
+    result = run(INSTALL, tmp_path / "blender", zipped, HOLOPATH_CACHE="")
     installed = tmp_path / "blender" / "user" / "extensions"
-    assert Path(told["file"]).is_relative_to(installed / "user_default" / "holopath")
-    assert Path(told["store"]).is_relative_to(installed / ".user")
-    assert Path(told["programs"]).is_relative_to(installed / ".user") and told["forgotten"]
-    assert "class HOLOPATH_OT_render_hologram" in told["enabled"]
-    assert told["reloaded"] == told["renewed"] == told["enabled"]
-    assert told["before"] == told["disabled"] == told["uninstalled"] == told["modules"] == told["left"] == []
-    assert told["anew"], "the new version's modules are loaded"
-    assert told["plugin"], "Mitsuba makes materials of the new version's classes"
+    assert Path(result["file"]).is_relative_to(installed / "user_default" / "holopath")
+    assert Path(result["store"]).is_relative_to(installed / ".user")
+    assert Path(result["programs"]).is_relative_to(installed / ".user") and result["forgotten"]
+    assert "class HOLOPATH_OT_render_hologram" in result["enabled"]
+    assert result["reloaded"] == result["renewed"] == result["enabled"]
+    assert (
+        result["before"]
+        == result["disabled"]
+        == result["uninstalled"]
+        == result["modules"]
+        == result["left"]
+        == []
+    )
+    assert result["anew"], "the new version's modules are loaded"
+    assert result["plugin"], "Mitsuba makes materials of the new version's classes"
 
 
 CYCLES = """
@@ -130,8 +137,8 @@ CYCLES = """
 
     def allocated():
         gc.collect()
-        told = mallinfo2()
-        return told.field_4 + told.field_7
+        result = mallinfo2()
+        return result.field_4 + result.field_7
 
     def cycle(number):
         holopath_addon.register()
@@ -156,45 +163,45 @@ CYCLES = """
 
     cycle(-1)  # to the end: nearly all that is compiled is compiled before measuring
     ends = [cycle(number) for number in range(20)]
-    seen = [measured()]
+    measurements = [measured()]
     for number in range(20, int(sys.argv[2])):
         ends.append(cycle(number))
-        seen.append(measured())
-    print(json.dumps({"ends": ends, "seen": seen}))
+        measurements.append(measured())
+    print(json.dumps({"ends": ends, "measurements": measurements}))
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs glibc's mallinfo2")
-def test_memory_after_200_cycles_of_enabling_cancelling_and_disabling(tmp_path):
+def test_memory_after_200_cycles_of_enabling_canceling_and_disabling(tmp_path):
     programs = tmp_path / "programs"
     programs.mkdir()
-    told = run(CYCLES, tmp_path / "blender", ROOT, 200, DRJIT_CACHE_DIR=str(programs))
-    assert told["ends"].count("Cancelled") > 180, told["ends"]
-    assert set(told["ends"]) <= {"Cancelled", "NoneType"}, told["ends"]
-    memory, compiled = np.transpose(told["seen"])
+    result = run(CYCLES, tmp_path / "blender", ROOT, 200, DRJIT_CACHE_DIR=str(programs))
+    assert result["ends"].count("Cancelled") > 180, result["ends"]
+    assert set(result["ends"]) <= {"Cancelled", "NoneType"}, result["ends"]
+    memory, compiled = np.transpose(result["measurements"])
     # Compiled programs stay, and take memory of their own. A few come late: another number of a lamp, another choice of
     # a plan. Their files are written in the background, so one that a cycle compiled may be counted in the next.
     late = np.append(np.diff(compiled), 0) > 0
     grown = np.diff(memory)[~(late[:-1] | late[1:])].sum()
-    assert late.sum() < 30, told["seen"]
-    assert grown <= 5e6, told["seen"]  # 28 kB a cycle
+    assert late.sum() < 30, result["measurements"]
+    assert grown <= 5e6, result["measurements"]  # 28 kB a cycle
 
 
 @pytest.mark.parametrize("half", [0.01, 0.2, 0.8])
-def test_a_cancelled_job_lets_go_of_its_scene(scene, half):
+def test_a_canceled_job_lets_go_of_its_scene(scene, half):
     from holopath_addon import engine
     from holopath_addon.operators import session
     from holopath_addon.operators.jobs import Job
 
-    class Cancelling(Job):
+    class Canceling(Job):
         def _progress(self, done, message):
             if done >= half:
                 self.cancel()
             super()._progress(done, message)
 
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
-    job, seen = Cancelling(task.compute), weakref.ref(task)
+    job, reference = Canceling(task.compute), weakref.ref(task)
     gc.collect()
     gc.disable()  # memory is needed sooner than Python looks for cycles
     try:
@@ -202,7 +209,7 @@ def test_a_cancelled_job_lets_go_of_its_scene(scene, half):
         del task
         assert job.wait(NEVER)
         assert isinstance(job.error, engine.Cancelled)
-        assert seen() is None
+        assert reference() is None
     finally:
         gc.enable()
 
@@ -218,8 +225,8 @@ WITHOUT = """
     holopath_addon.register()
     status = cli.main(sys.argv[2:])
     report = json.load(open("out/report.json"))
-    told = {"status": status, "warnings": report["warnings"], "notes": report["export_notes"], **report["bake"]}
-    print("\\n" + json.dumps(told))
+    result = {"status": status, "warnings": report["warnings"], "notes": report["export_notes"], **report["bake"]}
+    print("\\n" + json.dumps(result))
 """
 
 
@@ -240,8 +247,8 @@ def test_without_optional_packages(tmp_path):
     options = (
         "--method fast --resolution 32x32 --frames 1 --wavelengths 516 --quality preview --quiet --no-cache"
     )
-    told = run(WITHOUT, tmp_path / "blender", ROOT, "render", scene, "--out", "out", *options.split())
-    assert told["status"] == 0
-    assert told["texels"] > 0 and told["dense"] > 0
-    assert [warning for warning in told["warnings"] if "xatlas" in warning]
-    assert [note for note in told["notes"] if "xatlas" in str(note)]
+    result = run(WITHOUT, tmp_path / "blender", ROOT, "render", scene, "--out", "out", *options.split())
+    assert result["status"] == 0
+    assert result["texels"] > 0 and result["dense"] > 0
+    assert [warning for warning in result["warnings"] if "xatlas" in warning]
+    assert [note for note in result["notes"] if "xatlas" in str(note)]

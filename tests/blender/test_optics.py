@@ -171,9 +171,9 @@ def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
         ({"beam": "measured", "beam_file": "//no.npy"}, "does not exist"),
         ({"beam": "tilt", "tilt_deg": (45.0, 0.0)}, "meets the panel at 45 degrees"),
         ({"beam": "point", "point_mm": 0.0}, "one distance, which is not 0"),
-        ({"beam": "gaussian", "middle_mm": (80.0, 0.0)}, "move its middle onto the panel"),
-        ({"carrier": "given", "carrier_at": (1.0, 0.0)}, "A carrier lies within the band"),
-        ({"carrier": "given", "use_radius": True, "radius": 0.9}, "make it smaller"),
+        ({"beam": "gaussian", "middle_mm": (80.0, 0.0)}, "Move its center onto the panel"),
+        ({"carrier": "given", "carrier_at": (1.0, 0.0)}, "Expected a carrier within the band"),
+        ({"carrier": "given", "use_radius": True, "radius": 0.9}, "Choose a smaller stop"),
         ({"stop": "measured"}, "A file of the measured stop is missing"),
         ({"use_lens": True, "focal_mm": 0.0}, "finite and not 0"),
         ({"use_lens": True, "focal_mm": -100.0}, "diverges, and its focal plane is before it"),
@@ -274,23 +274,23 @@ def test_a_failure_before_the_first_render_does_not_stay(scene):
 
 
 def test_the_sketch_in_the_viewport(scene, monkeypatch):
-    """When it is drawn, and of what its pieces are; the drawing itself needs a window."""
+    """The sketch's conditions and pieces; the drawing itself needs a window."""
     space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True), show_region_ui=True)
     tab = SimpleNamespace(type="UI", active_panel_category="HoloPath")
     context = SimpleNamespace(scene=scene, space_data=space, area=SimpleNamespace(regions=[tab]))
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
     scene.holopath.show_bench, scene.holopath.optics.carrier = True, "auto"
     hologram = properties.hologram_of(scene.holopath)
-    assert bench_overlay.wanted(context) == hologram
+    assert bench_overlay.visible_hologram(context) == hologram
     for thing, name, value in (
         (tab, "active_panel_category", "View"),
         (space.overlay, "show_overlays", False),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(thing, name, value)
-            assert bench_overlay.wanted(context) is None
+            assert bench_overlay.visible_hologram(context) is None
     scene.holopath.optics.beam = "measured"
-    assert bench_overlay.wanted(context) is None
+    assert bench_overlay.visible_hologram(context) is None
 
     drawing = bench_overlay.sketch(hologram, 720.0, 1.0)
     areas, lines = bench_overlay.pieces(drawing, 1.0)
@@ -316,7 +316,7 @@ def test_undo(scene):
 
 
 def test_the_virtual_bench_is_that_bench(scene):
-    """What its camera sees of the streamed phases is what they show on their beam, through their stop."""
+    """The camera sees the streamed phases in the light of their beam, through their stop."""
     props = scene.holopath
     props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
     props.optics.carrier, props.optics.beam, props.optics.waist_mm = "auto", "gaussian", 0.4

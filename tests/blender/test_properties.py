@@ -1,4 +1,4 @@
-"""What the scene's settings mean to the engine."""
+"""Conversion of a scene's settings to the engine's objects."""
 
 import math
 from pathlib import Path
@@ -76,7 +76,7 @@ def test_all_settings(settings):
 
 
 def test_randomness_is_of_phases_that_may_be_smooth(settings):
-    """What was set for them is left where others are chosen, and does not count there."""
+    """Settings of other kinds are kept, and have no effect."""
     settings.set_randomness, settings.randomness = True, 0.25
     for kind, randomness in (("auto", 0.25), ("smooth", 0.25), ("designed", None), ("random", None)):
         settings.phase_field = kind
@@ -99,7 +99,7 @@ def test_depth_range(settings):
 
 @pytest.mark.parametrize("old", [False, True])
 def test_files_of_versions_before_depth_ranges_were_automatic(old, settings, tmp_path, monkeypatch):
-    """In these 10 to 15 mm was the default, which no file tells; those of this version tell that it is automatic."""
+    """Earlier files do not store their default of 10 to 15 mm; files of this version store that it is automatic."""
     settings.frames = 3
     if old:
         monkeypatch.setattr(properties, "_anything_set", lambda props: False)
@@ -246,8 +246,8 @@ def test_settings_survive_a_file(settings, tmp_path):
         for prop in inner.bl_rna.properties:
             if prop.identifier not in GROUPS:
                 setattr(inner, prop.identifier, other(inner, prop))
-    for metres in (0.5, properties.LARGEST_FOCUS):
-        settings.focus_list.add().focus = metres
+    for meters in (0.5, properties.MAX_FOCUS):
+        settings.focus_list.add().focus = meters
     values = held(settings)
     same = {name for name in values if values[name] == before[name]}
     assert same <= {"focus_infinity"}, "not tried"
@@ -287,8 +287,8 @@ def test_files_of_other_versions(settings, tmp_path):
 
 def test_focus_list(settings):
     assert properties.focus_list_of(settings) == [1.0]
-    for metres in (2.0, math.inf, 0.5, 2.0):
-        properties.set_focus(settings.focus_list.add(), metres)
+    for meters in (2.0, math.inf, 0.5, 2.0):
+        properties.set_focus(settings.focus_list.add(), meters)
     assert properties.focus_list_of(settings) == [2.0, math.inf, 0.5]
     item = settings.focus_list[0]
     item.focus_dioptres = 4.0
@@ -354,14 +354,14 @@ OLD = {
 
 def test_a_file_of_version_0_1_0_keeps_its_settings(addon):
     file = Path(__file__).with_name("data") / "settings-0.1.0.blend"
-    with bpy.data.libraries.load(str(file)) as (there, wanted):
-        wanted.scenes = there.scenes
-    (scene,) = wanted.scenes
+    with bpy.data.libraries.load(str(file)) as (source, target):
+        target.scenes = source.scenes
+    (scene,) = target.scenes
     try:
-        told = {name: getattr(scene.holopath, name) for name in OLD}
+        values = {name: getattr(scene.holopath, name) for name in OLD}
         assert properties.hologram_of(scene.holopath).depth_far == 100e-3
         assert properties.hologram_of(scene.holopath).optics == engine.Optics()
-        assert {name: round(v, 5) if isinstance(v, float) else v for name, v in told.items()} == OLD
+        assert {name: round(v, 5) if isinstance(v, float) else v for name, v in values.items()} == OLD
     finally:
         bpy.data.scenes.remove(scene)
 

@@ -13,7 +13,7 @@ HANDLERS = ("load_pre", "load_post", "render_complete", "render_cancel")
 
 
 def traces():
-    """What HoloPath adds to Blender."""
+    """Everything that HoloPath adds to Blender."""
     names = {name for name in dir(bpy.types) if "holopath" in name.lower()}
     engines = {
         name
@@ -60,7 +60,7 @@ def test_everything_goes_where_another_addon_took_a_handler(addon):
     addon.unregister()
     gone = traces()
     addon.register()
-    bpy.app.handlers.load_post.remove(session._forget)
+    bpy.app.handlers.load_post.remove(session._forget_file)
     addon.unregister()
     assert traces() == gone
     addon.register()

@@ -69,7 +69,7 @@ def test_a_picture_behind_a_lens(f12, tmp_path):
     f12.holopath.optics.use_lens = f12.holopath.optics.use_share = True
     f12.holopath.frames = 1
     with pytest.raises(
-        RuntimeError, match="shows no picture of 60 x 40 pixels, but one of 40 x 40: choose that"
+        RuntimeError, match="shows no picture of 60 x 40 pixels, but one of 40 x 40. Choose that"
     ):
         bpy.ops.render.render()
     f12.render.resolution_x = 80
@@ -135,11 +135,11 @@ def of_pass(channels, name, letters="RGB", layer="ViewLayer"):
     return np.stack([channels[f"{layer}.{name}.{letter}"] for letter in letters], axis=-1)
 
 
-@pytest.mark.parametrize("colours", ["RGB", "MONO"])
-def test_passes(f12, multilayer, monkeypatch, colours):
+@pytest.mark.parametrize("colors", ["RGB", "MONO"])
+def test_passes(f12, multilayer, monkeypatch, colors):
     from holopath_addon.blender import properties
 
-    f12.holopath.colours, f12.holopath.phase_field = colours, "designed"
+    f12.holopath.colours, f12.holopath.phase_field = colors, "designed"
     f12.holopath.focus = 0.7
     f12.unit_settings.scale_length = 0.5
     monkeypatch.setattr(properties, "focus_list_of", lambda props: [0.5, 0.3333, float("inf")])
@@ -153,7 +153,7 @@ def test_passes(f12, multilayer, monkeypatch, colours):
     names = ("Combined", "Focus 500 mm", "Focus 333_3 mm", "Focus inf")
     for picture, name in zip(pictures, names, strict=True):
         np.testing.assert_array_equal(of_pass(channels, name), picture)
-    letters = "RGB" if colours == "RGB" else "X"
+    letters = "RGB" if colors == "RGB" else "X"
     phase, amplitude = (of_pass(channels, name, letters) for name in ("Phase", "Amplitude"))
     assert 0 <= phase.min() < 0.1 and 6.2 < phase.max() < 2 * np.pi
     wave = amplitude * np.exp(1j * phase)
@@ -236,16 +236,16 @@ def test_animation_keeps_its_wave_fields(f12, kept, tmp_path, monkeypatch):
     ]
 
 
-def test_a_cancelled_animation_goes_on(f12, kept, monkeypatch):
+def test_a_canceled_animation_goes_on(f12, kept, monkeypatch):
     render, frames = engine.render, []
 
-    def cancelled_once(*arguments, **options):
+    def canceled_once(*arguments, **options):
         frames.append(None)
         if len(frames) == 1:
             raise engine.Cancelled
         return render(*arguments, **options)
 
-    monkeypatch.setattr(engine, "render", cancelled_once)
+    monkeypatch.setattr(engine, "render", canceled_once)
     bpy.ops.render.render(animation=True)  # in a window Esc would end it here
     assert kept() == ["frame_0002"] and session.current.error == ""
     bpy.ops.render.render(animation=True)

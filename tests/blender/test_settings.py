@@ -48,12 +48,12 @@ def words(name, declared):
 def test_words_set_them(name):
     word, value = words(name, DECLARED[name])
     args = parse("scene.xml", options.flag(name), word)
-    assert options.asked(args, Settings()) == Settings(**{name: value})
+    assert options.settings_of(args, Settings()) == Settings(**{name: value})
 
 
 def test_one_takes_the_place_of_another():
     def settings(*words):
-        return options.asked(parse("scene.xml", *words), Settings(speckle=0.3, spp=9))
+        return options.settings_of(parse("scene.xml", *words), Settings(speckle=0.3, spp=9))
 
     assert settings("--frames", "4") == Settings(frames=4, spp=9)
     assert settings("--quality", "preview") == Settings(quality="preview", speckle=0.3)
@@ -70,8 +70,8 @@ def test_blender_has_them_within_the_same_bounds(addon, name):
             each.name: each.number for each in declared.chosen.values()
         }
     elif name != "fixed":
-        for end, told in zip(declared.bounds, (prop.hard_min, prop.hard_max), strict=True):
-            assert math.isinf(end) or told == pytest.approx(end)
+        for end, limit in zip(declared.bounds, (prop.hard_min, prop.hard_max), strict=True):
+            assert math.isinf(end) or limit == pytest.approx(end)
     if declared.switch:
         assert rna[declared.switch.name].default == (not declared.switch.by_hand)
 
@@ -104,7 +104,7 @@ def test_values_out_of_bounds_are_refused(name):
     ):
         Settings(**{name: bad})
     if math.isfinite(declared.bounds[1]):
-        with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, not"):
+        with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, got"):
             Settings(**{name: declared.bounds[1] + 1})
     if not declared.chosen and declared.kind is int:
         with pytest.raises(engine.InvalidInput, match=declared.label):
@@ -117,7 +117,7 @@ def test_what_the_version_before_called_otherwise(capsys):
     with pytest.warns(DeprecationWarning, match="quality full is called high now"):
         assert Settings(quality="full") == Settings(quality="high")
     args = parse("scene.xml", "--quality", "full")
-    assert options.asked(args, Settings()).quality == "high"
+    assert options.settings_of(args, Settings()).quality == "high"
     assert "The quality full is called high now" in capsys.readouterr().err
     parser = cli._parser(engine.BakeStore.default())
     assert parser.parse_args(["encode", "out", "--planes", "3"]).compared_planes == 3

@@ -14,34 +14,34 @@ from holopath_addon.export.notes import Notes
 
 
 def test_a_free_view_is_the_camera_that_sees_the_same(scene):
-    """Of Blender's own matrices of a camera, with shift, and of lengths in another unit."""
+    """Cameras by Blender's own matrices, with shift, and with lengths in another unit."""
     camera = scene.camera
     camera.location, camera.rotation_euler = (1, 2, 3), (0.9, 0.2, 0.4)
     camera.data.lens, camera.data.shift_x, camera.data.shift_y = 35, 0.1, -0.05
     camera.data.clip_start, camera.data.clip_end = 0.5, 20
     graph = bpy.context.evaluated_depsgraph_get()
     window = camera.calc_matrix_camera(graph, x=160, y=120)
-    seen = SimpleNamespace(view_matrix=camera.matrix_world.inverted(), window_matrix=window)
-    found = viewport._free_camera(seen, camera.data, 0.01, True).to_dict()
+    region_view = SimpleNamespace(view_matrix=camera.matrix_world.inverted(), window_matrix=window)
+    found = viewport._free_camera(region_view, camera.data, 0.01, True).to_dict()
     expected = export_camera(graph, camera, (160, 120), 0.01, Notes()).to_dict()
     for name, value in expected.items():
         np.testing.assert_allclose(found[name], value, rtol=1e-5, atol=1e-6, err_msg=name)
 
 
 def test_refining(scene, monkeypatch):
-    """Coarse first, then as large as wanted, then better, up to the limit; cancelled at once."""
-    monkeypatch.setattr(viewport, "SAMPLES", 8)
+    """Images are coarse first, then whole, then better up to the limit; canceled at once."""
+    monkeypatch.setattr(viewport, "MAX_SAMPLES", 8)
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (160, 120))
     view = viewport.RegionView(exported.camera, (160, 120), (0, 0, 160, 120), 8)
     previews = []
 
-    def look(view, shrink):
+    def start(view, shrink):
         previews.append(engine.Preview(exported.scene, view.camera, *(n // shrink for n in view.size)))
         return previews[-1]
 
-    stage = SimpleNamespace(look=look)
+    viewed = SimpleNamespace(start=start)
     pictures = []
-    viewport.refine(stage, view, pictures.append, lambda done, message: None)
+    viewport.refine(viewed, view, pictures.append, lambda done, message: None)
     assert [picture.shape[:2] for picture in pictures[:3]] == [(60, 80), (120, 160), (120, 160)]
     assert previews[-1].spp == 8
     truth = engine.Preview(exported.scene, exported.camera, 160, 120).refine(64)
@@ -53,7 +53,7 @@ def test_refining(scene, monkeypatch):
 
     shown = []
     with pytest.raises(engine.Cancelled):
-        viewport.refine(stage, view, shown.append, progress)
+        viewport.refine(viewed, view, shown.append, progress)
     assert len(shown) == 1
 
 
@@ -67,7 +67,7 @@ def test_views_of_the_same_picture(scene):
 
 
 def test_a_selection_changes_nothing(scene):
-    """As Blender reports it like a hidden object."""
+    """A selection does not count, though Blender reports it like a hidden object."""
     shown = viewport.Viewport()
     found = []
 

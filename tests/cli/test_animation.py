@@ -1,4 +1,4 @@
-"""Animations on the command line: every frame a whole output folder, and nothing is made twice."""
+"""Animations on the command line: every frame is a complete output folder, and nothing is made twice."""
 
 import json
 
@@ -14,7 +14,7 @@ FRAMES = ["frame_0003", "frame_0005", "frame_0007"]
 
 
 def triangle(name, size, depth, radiance):
-    """A shining triangle in front of a camera at the origin."""
+    """An emissive triangle in front of a camera at the origin."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata([(-size, -size, 0), (size, -size, 0), (0, size, 0)], [], [(0, 1, 2)])
     material = bpy.data.materials.new(name)
@@ -53,15 +53,15 @@ def moving(empty_scene, tmp_path):
 
 @pytest.fixture
 def renders(monkeypatch):
-    """Counts calls of the engine; one whose number is in `cancelled` is cancelled."""
+    """Count calls of the engine; those with a number in `canceled` are canceled."""
     render = engine.render
 
     class Renders:
-        count, cancelled = 0, ()
+        count, canceled = 0, ()
 
     def counted(*arguments, **options):
         Renders.count += 1
-        if Renders.count in Renders.cancelled:
+        if Renders.count in Renders.canceled:
             raise engine.Cancelled
         return render(*arguments, **options)
 
@@ -74,7 +74,7 @@ def animate(blend, out, *more, words=WORDS):
 
 
 def names(folder):
-    """But for what tells of the job, and its light."""
+    """Names in a folder, without those of the job and its light."""
     return sorted(p.name for p in folder.iterdir() if p.name not in ("job.json", "light"))
 
 
@@ -100,19 +100,19 @@ def test_every_frame_is_a_still(moving, tmp_path, capfd):
     assert abs(first - second).max() > 0.1 * abs(second).max()
 
 
-def test_phases_begin_with_the_frame_before(moving, tmp_path, monkeypatch):
-    """In turn, whoever makes the frames: the third, which is as the second, goes on from it and shows more."""
-    begun, encode = [], engine.encode
+def test_phases_begin_with_the_previous_frame(moving, tmp_path, monkeypatch):
+    """Frames are made in turn: the third, which equals the second, continues from it and is better."""
+    starts, encode = [], engine.encode
 
-    def seen(field, method="auto", progress=None, **options):
-        begun.append(options.get("start"))
+    def encode_briefly(field, method="auto", progress=None, **options):
+        starts.append(options.get("start"))
         return encode(field, method, progress, **{**options, "many": None, "max_steps": 30})
 
-    monkeypatch.setattr(engine, "encode", seen)
+    monkeypatch.setattr(engine, "encode", encode_briefly)
     monkeypatch.setattr(engine, "frames_along", lambda *_: 0)
     assert animate(moving(), tmp_path / "out", "--encode", "joint", "--encode-start", "before") == 0
-    assert begun[0] is None
-    for before, name in zip(begun[1:], FRAMES, strict=False):
+    assert starts[0] is None
+    for before, name in zip(starts[1:], FRAMES, strict=False):
         phases = engine.PhaseHologram.load(tmp_path / "out" / name / "hologram").data
         np.testing.assert_array_equal(before.data, phases)
     loss = [
@@ -122,26 +122,29 @@ def test_phases_begin_with_the_frame_before(moving, tmp_path, monkeypatch):
     assert loss[1] <= loss[0]
 
 
-def test_frames_before_that_there_are_not(moving, tmp_path, capfd):
+def test_starts_without_a_previous_frame(moving, tmp_path, capfd):
     assert animate(moving(), tmp_path / "out", "--encode-start", "before") == 2
-    assert "--encode-start before is for phases of an animation" in capfd.readouterr().err
+    assert (
+        "Expected an animation and a method with gradient descent for --encode-start before"
+        in capfd.readouterr().err
+    )
 
 
-def test_goes_on_where_it_was_cancelled(moving, renders, tmp_path, capfd):
+def test_continues_after_a_cancellation(moving, renders, tmp_path, capfd):
     out, blend = tmp_path / "out", moving()
-    renders.cancelled = (2,)
+    renders.canceled = (2,)
     assert animate(blend, out) == 1
     error = capfd.readouterr().err.splitlines()[-1]
-    assert error.startswith("holopath: Cancelled: the frames that are done are in") and "\n" not in error
+    assert error.startswith("holopath: Canceled: finished frames are in") and "\n" not in error
     assert names(out) == FRAMES[:1]
     assert animate(blend, out) == 0
     assert renders.count == 4 and names(out) == FRAMES
-    told = capfd.readouterr().err
-    assert "frame_0003: done before, skipped" in told and told.count("skipped") == 1
-    assert "Done: 2 frames" in told and "1 done before" in told
+    error = capfd.readouterr().err
+    assert "frame_0003: done before, skipped" in error and error.count("skipped") == 1
+    assert "Done: 2 frames" in error and "1 done before" in error
 
 
-def test_renders_anew_what_has_changed_and_only_that(moving, renders, tmp_path, capfd):
+def test_only_changed_frames_are_rendered_again(moving, renders, tmp_path, capfd):
     out = tmp_path / "out"
     assert animate(moving(), out, "--focus", "0.5m") == 0
     before = [field(out / name) for name in FRAMES]
@@ -172,7 +175,7 @@ def test_renders_anew_what_has_changed_and_only_that(moving, renders, tmp_path, 
     assert "frame_0003: rendered anew (changed: setting seed)" in capfd.readouterr().err
 
 
-def test_encodes_anew_only_what_has_changed(moving, tmp_path, capfd, monkeypatch):
+def test_only_changed_frames_are_encoded_again(moving, tmp_path, capfd, monkeypatch):
     count, encode = [], engine.encode
 
     def counted(*words, **options):
@@ -195,7 +198,7 @@ def test_encodes_anew_only_what_has_changed(moving, tmp_path, capfd, monkeypatch
     assert len(count) == 7 and "changed: bits" in capfd.readouterr().err
 
 
-def test_a_damaged_frame_is_rendered_anew(moving, renders, tmp_path):
+def test_a_damaged_frame_is_rendered_again(moving, renders, tmp_path):
     out, blend = tmp_path / "out", moving()
     assert animate(blend, out) == 0
     whole = (out / FRAMES[1] / "wavefield" / "field.npy").read_bytes()
@@ -218,7 +221,7 @@ def test_a_frame_that_cannot_be_rendered_is_named(moving, tmp_path, capfd):
 def test_a_scene_without_animation(words, tmp_path, capfd):
     assert cli.main(["render", "scene.xml", "--out", str(tmp_path / "out"), *words]) == 2
     assert capfd.readouterr().err == (
-        f"holopath: scene.xml has no animation: give a .blend, or leave out {words[0]}.\n"
+        f"holopath: scene.xml has no animation. Give a .blend, or omit {words[0]}.\n"
     )
     assert not (tmp_path / "out").exists()
 
@@ -230,8 +233,8 @@ def test_frames_may_be_listed_and_lie_beyond_the_range(moving, tmp_path, capfd):
     assert names(out) == ["frame_-001", "frame_0004", "frame_0005"]
     assert "Done: 3 frames" in capfd.readouterr().err
     assert animate(blend, out) == 0
-    told = capfd.readouterr().err
-    assert "frame_0005: done before, skipped" in told and "Done: 2 frames" in told
+    error = capfd.readouterr().err
+    assert "frame_0005: done before, skipped" in error and "Done: 2 frames" in error
     assert cli.main([*words, "--frame-range", "5-1"]) == 2
     assert "The range '5-1' is empty" in capfd.readouterr().err
 

@@ -39,14 +39,14 @@ SCENE = """<scene version="3.0.0">
 
 @pytest.fixture
 def xml(tmp_path):
-    """A Mitsuba scene of shining things, quick to render."""
+    """A Mitsuba scene of emitters, quick to render."""
     path = tmp_path / "scene.xml"
     path.write_text(SCENE.format(sensor="perspective", offset=""))
     return path
 
 
 def start(*words, **options):
-    """The command line in a process of its own."""
+    """Start the command line in its own process."""
     return subprocess.Popen(
         [sys.executable, "-m", "holopath_addon", *map(str, words)],
         cwd=ROOT,
@@ -58,7 +58,7 @@ def start(*words, **options):
 
 
 def refused(status, error, expected_status, says):
-    """An error is one line that says what is wrong."""
+    """Assert an error in one line with that text."""
     assert status == expected_status, error
     lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
     assert len(lines) == 1 and "Traceback" not in error, error
@@ -66,7 +66,7 @@ def refused(status, error, expected_status, says):
 
 
 def left_over(folder):
-    """Names in a folder, but those of inputs."""
+    """Names in a folder, without those of inputs."""
     return sorted(p.name for p in folder.iterdir() if p.suffix not in (".xml", ".blend"))
 
 
@@ -77,13 +77,13 @@ def left_over(folder):
         (["{xml}x"], "does not exist"),
         (["{out}.txt"], "does not exist"),
         (["demo:nowhere"], "no demo 'nowhere'"),
-        (["{xml}", "--display", "nothing"], "no display preset 'nothing'.*pluto-2"),
-        (["{xml}", "--display", "pluto-2", "--pitch", "8"], "leave out"),
-        (["{xml}", "--resolution", "0x64"], "resolution is 0 x 64"),
+        (["{xml}", "--display", "nothing"], "a display preset, got 'nothing'.*pluto-2"),
+        (["{xml}", "--display", "pluto-2", "--pitch", "8"], "Omit --resolution and --pitch"),
+        (["{xml}", "--resolution", "0x64"], "1 x 1 pixels, got 0 x 64"),
         (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
         (["{xml}", "--pitch", "0"], "pitch"),
-        (["{xml}", "--pitch", "8,0"], "pitch must be positive"),
-        (["{xml}", "--pitch", "8x9"], "'8x9' is no pixel pitch.*X,Y"),
+        (["{xml}", "--pitch", "8,0"], "a positive pixel pitch, got 0 µm"),
+        (["{xml}", "--pitch", "8x9"], "Expected a pixel pitch, got '8x9'.*X,Y"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
         (["{xml}", "--wavelengths", "red"], "nanometers"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
@@ -92,9 +92,9 @@ def left_over(folder):
         (["{xml}", "--depth-range", "15,10"], "depth range"),
         (["{xml}", "--depth-range", "15"], "FAR,NEAR"),
         (["{xml}", "--near", "-1"], "near end"),
-        (["{xml}", "--wrp", "middle"], "neither auto"),
-        (["{xml}", "--focus", "-1m"], "behind the camera"),
-        (["{xml}", "--focus", "0.5m,soon"], "not a distance"),
+        (["{xml}", "--wrp", "middle"], "Expected auto or a distance in millimeters, got 'middle'"),
+        (["{xml}", "--focus", "-1m"], "in front of the camera, got -1m"),
+        (["{xml}", "--focus", "0.5m,soon"], "Expected a distance, got 'soon'"),
         (["{xml}", "--pupil", "-1,0,0"], "pupil"),
         (["{xml}", "--pupil", "1,2"], "X,Y,DIAMETER"),
         (["{xml}", "--camera", "nobody"], "Expected a sensor of"),
@@ -105,10 +105,10 @@ def left_over(folder):
         (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "Seed"),
-        (["{xml}", "--divide", "16"], "leave out --divide. Several share the frames of --animation"),
+        (["{xml}", "--divide", "16"], "Omit --divide: several processes share the frames of --animation"),
         (["{xml}", "--quality", "high", "--spp", "3"], "not allowed with"),
-        (["{xml}", "--contact-sheet", "demo.jpg"], "not the name of a picture in DIR"),
-        (["{xml}", "--contact-sheet", "../demo.png"], "not the name of a picture in DIR"),
+        (["{xml}", "--contact-sheet", "demo.jpg"], "Expected the name of an image in DIR"),
+        (["{xml}", "--contact-sheet", "../demo.png"], "Expected the name of an image in DIR"),
     ],
 )
 def test_bad_words(words, says, xml, tmp_path, capfd):
@@ -257,18 +257,18 @@ def test_interrupt(number, method, at, tmp_path):
     process.send_signal(number)
     _, error = process.communicate(timeout=NEVER)
     assert time.monotonic() - sent < SOON
-    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    refused(process.returncode, error, 1, "Canceled: nothing was written")
     assert left_over(tmp_path) == []
 
 
 @pytest.mark.parametrize("over", [False, True])
 def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, monkeypatch):
     """Later it would meet Blender in the middle of its own end."""
-    from holopath_addon.cli import attended
+    from holopath_addon.cli import supervised
 
     ended, calls = threading.Event(), []
     monkeypatch.setattr(
-        attended,
+        supervised,
         "os",
         types.SimpleNamespace(
             name="nt",
@@ -277,14 +277,14 @@ def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, 
         ),
     )
     monkeypatch.setattr(
-        attended, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
+        supervised, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
     )
-    monkeypatch.setattr(attended, "time", types.SimpleNamespace(sleep=lambda _: None))
+    monkeypatch.setattr(supervised, "time", types.SimpleNamespace(sleep=lambda _: None))
 
     def listener():
-        return next(thread for thread in threading.enumerate() if thread.name == "holopath attended")
+        return next(thread for thread in threading.enumerate() if thread.name == "holopath supervised")
 
-    with attended.attended(tmp_path / "scene.blend"):
+    with supervised.supervised(tmp_path / "scene.blend"):
         thread = listener()
         if not over:
             ended.set()
@@ -304,7 +304,7 @@ def test_interrupt_waits_for_blender_to_load(tmp_path):
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     process = start("render", "demo:planes", "--out", tmp_path / "out", env=os.environ | {"PYTHONPATH": path})
     _, error = process.communicate(timeout=NEVER)
-    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    refused(process.returncode, error, 1, "Canceled: nothing was written")
     assert (tmp_path / "whole").exists()  # bpy crashes where its import is torn
     assert not (tmp_path / "out").exists()
 
@@ -315,7 +315,7 @@ def test_interrupt_within_mitsuba(xml, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(engine, "reference", torn)
     words = ["render", str(xml), *SMALL, "--compare-reference", "--out", str(tmp_path / "out")]
-    refused(cli.main(words), capfd.readouterr().err, 1, "Cancelled: nothing was written")
+    refused(cli.main(words), capfd.readouterr().err, 1, "Canceled: nothing was written")
     assert left_over(tmp_path) == []
 
 
@@ -359,10 +359,10 @@ def test_pictures(rendered):
         stored = read(rendered / "reconstruction" / f"focus_{name}m.exr")
         assert stored.dtype == np.float32
         np.testing.assert_array_equal(stored, image)
-        seen = read(rendered / "reconstruction" / f"focus_{name}m.png")
-        assert seen.dtype == np.uint8 and seen.shape == (64, 64, 3)
+        png = read(rendered / "reconstruction" / f"focus_{name}m.png")
+        assert png.dtype == np.uint8 and png.shape == (64, 64, 3)
         saturated = (image >= white).all(-1)
-        assert (seen[saturated] == 255).all()
+        assert (png[saturated] == 255).all()
 
 
 def test_report(rendered):
@@ -383,11 +383,11 @@ def test_report(rendered):
     assert all(row["psnr_db"] > 10 and 0 < row["ssim"] <= 1 for row in report["comparison"])
 
 
-def test_a_card_that_was_too_small_for_refocusing_is_told_of(rendered, tmp_path, monkeypatch, capfd):
+def test_a_note_says_that_refocusing_ran_out_of_the_cards_memory(rendered, tmp_path, monkeypatch, capfd):
     from holopath_addon.engine.waves import libraries
 
-    whole = pipeline.reconstruct
-    monkeypatch.setattr(pipeline, "reconstruct", lambda *what: (whole(*what)[0], [libraries.RAN_OUT]))
+    reconstruct = pipeline.reconstruct
+    monkeypatch.setattr(pipeline, "reconstruct", lambda *args: (reconstruct(*args)[0], [libraries.RAN_OUT]))
     assert cli.main(["reconstruct", str(rendered), "--focus", "1m", "--out", str(tmp_path / "out")]) == 0
     assert capfd.readouterr().err.count(f"note: {libraries.RAN_OUT}") == 1
 
@@ -399,7 +399,7 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     assert again == before
     words = ["--focus", "1D", "--pupil", "-1,0,3", "--out", str(tmp_path / "part"), "--quiet"]
     assert cli.main(["reconstruct", str(rendered), *words]) == 0
-    name = "focus_1m_pupil_-1_0_3mm"  # beside what is seen through all of it
+    name = "focus_1m_pupil_-1_0_3mm"  # beside the image through all of it
     assert sorted(os.listdir(tmp_path / "part")) == [f"{name}.exr", f"{name}.png"]
     assert capfd.readouterr().err == ""
     refused(
@@ -412,19 +412,19 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
 
 
-def test_what_cannot_be_encoded_is_refused_before_the_render(xml, tmp_path, capfd):
+def test_impossible_encodings_are_refused_before_the_render(xml, tmp_path, capfd):
     levels = tmp_path / "levels.txt"
     levels.write_text(" ".join(f"{2 * math.pi * k / 16:.6f}" for k in range(16)))
     words = [str(xml), *SMALL, "--encode", "auto", "--bits", "4", "--response", str(levels)]
-    refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "leave out --bits")
+    refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "Omit --bits")
     out = tmp_path / "out"
-    refused(cli.main(["render", *words, "--out", str(out)]), capfd.readouterr().err, 2, "leave out --bits")
+    refused(cli.main(["render", *words, "--out", str(out)]), capfd.readouterr().err, 2, "Omit --bits")
     assert not out.exists()
 
 
 def opened(blend, *words):
     args = cli.parse(["render", str(blend), "--out", "out", *words])
-    return sources.asked(args)
+    return sources.open_requested(args)
 
 
 def test_scenes_view_layers_and_scripts_of_a_file(empty_scene, tmp_path):
@@ -454,14 +454,14 @@ def test_scenes_view_layers_and_scripts_of_a_file(empty_scene, tmp_path):
     assert opened(blend, "--scene-name", "Other").load(16, 16).scene.shapes()
     with pytest.raises(engine.InvalidInput, match="nothing visible"):
         opened(blend, "--scene-name", "Other", "--view-layer", "Bare").load(16, 16)
-    with pytest.raises(engine.InvalidInput, match="no view layer 'Front': choose one of 'ViewLayer', 'Bare'"):
+    with pytest.raises(engine.InvalidInput, match="no view layer 'Front'. Choose one of 'ViewLayer', 'Bare'"):
         opened(blend, "--scene-name", "Other", "--view-layer", "Front")
     with pytest.raises(engine.InvalidInput, match="no scene 'None'"):
         opened(blend, "--scene-name", "None")
 
 
 def test_encode(rendered, xml, tmp_path, capfd):
-    """Afterwards from the stored field: without its scene, with double phase, and what cannot be."""
+    """Encode a stored field without its scene, and a render with double phase."""
     phases = str(tmp_path / "phases")
     words = ["--out", phases, "--max-steps", "20", "--quiet", "--scene", "none"]
     assert cli.main(["encode", str(rendered), *words]) == 0
@@ -482,7 +482,7 @@ def test_encode(rendered, xml, tmp_path, capfd):
 
 
 def test_contact_sheet(xml, tmp_path):
-    """All at a glance, as the files have it; and a render with phases has pictures of what they show."""
+    """The sheet has the phases and images of the files, and a render with phases has images of them."""
     out = tmp_path / "out"
     words = ["render", str(xml), *SMALL, *GREEN, "--focus", "0.5m,1m,2m", "--out", str(out)]
     words += ["--encode", "dpac", "--contact-sheet", "a.png", "--compare-reference", "--quiet"]
@@ -499,8 +499,8 @@ def test_contact_sheet(xml, tmp_path):
         shown = read(out / "reconstruction" / f"hologram_focus_{focus}m.exr")
         assert np.abs(shown - read(out / "reconstruction" / f"focus_{focus}m.exr")).max() > 0
         tile = sheet[y : y + side, x : x + side].astype(float)
-        seen = read(out / "reconstruction" / f"hologram_focus_{focus}m.png")
-        assert np.corrcoef(tile.ravel(), seen.ravel())[0, 1] > 0.95  # exposed otherwise
+        png = read(out / "reconstruction" / f"hologram_focus_{focus}m.png")
+        assert np.corrcoef(tile.ravel(), png.ravel())[0, 1] > 0.95  # exposed otherwise
     lens = sheet[below:, left + side + gap :].astype(float)
     truth = read(out / "reference" / "focus_1m.png")
     assert np.corrcoef(lens.ravel(), truth.ravel())[0, 1] > 0.95
@@ -550,7 +550,7 @@ def test_encoding_afterwards_of_a_scene_that_is_another(xml, tmp_path, capfd):
     xml.write_text(xml.read_text().replace('value="0.1"', 'value="0.12"'))
     again = ["encode", str(out), "--out", str(later), "--max-steps", "2"]
     assert cli.main(again) == 0
-    assert "has changed since the field was rendered" in capfd.readouterr().err
+    assert "has changed since the render" in capfd.readouterr().err
     assert engine.PhaseHologram.load(later).method == "joint"
     refused(cli.main([*again, "--method", "refine"]), capfd.readouterr().err, 2, "has changed")
     xml.unlink()
@@ -607,7 +607,7 @@ def test_encode_in_other_ways(rendered, tmp_path, capfd):
 
 
 def test_stopping_an_encoding(rendered, tmp_path, capfd, monkeypatch):
-    """Ctrl-C ends it with the phases as they are."""
+    """Ctrl-C keeps the phases of the last step."""
     count = []
 
     def progress(self, done, message):
@@ -617,12 +617,17 @@ def test_stopping_an_encoding(rendered, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(cli.Progress, "__call__", progress)
     out = tmp_path / "phases"
-    refused(cli.main(["encode", str(rendered), "--out", str(out)]), capfd.readouterr().err, 1, "as they were")
+    refused(
+        cli.main(["encode", str(rendered), "--out", str(out)]),
+        capfd.readouterr().err,
+        1,
+        "phases of the last step are in",
+    )
     assert engine.PhaseHologram.load(out).report["stopped"]
 
 
 def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
-    """What was rendered is not lost; the report says that the phases could be better."""
+    """The render is kept, and the report says that the encoding was stopped."""
 
     def progress(self, done, message):
         if "dB" in message:
@@ -641,7 +646,7 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
         "--out",
         str(out),
     ]
-    refused(cli.main(words), capfd.readouterr().err, 1, "holds the render")
+    refused(cli.main(words), capfd.readouterr().err, 1, "Canceled while encoding: .* has the render")
     assert engine.PhaseHologram.load(out / "hologram").report["stopped"]
     report = json.loads((out / "report.json").read_text())
     assert report["encoding"]["stages"] and "comparison" not in report
@@ -651,13 +656,13 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 @pytest.mark.parametrize(
     ("method", "frames", "steps"), [("auto", 96, 200), pytest.param("full", 192, 400, marks=pytest.mark.slow)]
 )
-def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, method, frames, steps):
-    """`auto`, and more of them with the method full; the first were traced with the hologram's own."""
-    out, traced, begun = tmp_path / "out", engine.many_frames, []
+def test_extra_frames_of_a_known_scene(xml, tmp_path, monkeypatch, method, frames, steps):
+    """`auto` uses extra frames, the method full more of them; the first are traced with the field's own."""
+    out, trace, starts = tmp_path / "out", engine.many_frames, []
 
     def many_frames(*words):
-        begun.append(words[-2])
-        return traced(*words)
+        starts.append(words[-2])
+        return trace(*words)
 
     monkeypatch.setattr(engine, "many_frames", many_frames)
     words = ["render", str(xml), *SMALL, *GREEN, "--method", method, "--encode", "auto"]
@@ -666,16 +671,16 @@ def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, meth
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
     assert stages["many frames"]["frames"] == frames and stages["refine"]["steps"] == steps
-    assert begun == [24]
+    assert starts == [24]
 
 
 def test_seconds_of_encoding(xml, tmp_path, capfd):
-    """As many as are given, of all of it; `plan` tells, and a render in another time is encoded anew alone."""
+    """The time limit holds for the whole encoding, and `plan` prints the choice by it."""
     out = tmp_path / "out"
     words = [str(xml), *SMALL, *GREEN]
     render = ["render", *words, "--quiet", "--out", str(out)]
     for encode, seconds, says in (
-        ("none", "1", "add --encode auto"),
+        ("none", "1", "Add --encode auto"),
         ("auto", "0", "0.1 or more"),
         ("dpac", "1", "dpac"),
     ):
@@ -687,10 +692,10 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
         )
     assert not out.exists()
     assert cli.main(["plan", *words, "--encode", "auto", "--encode-seconds", "1000"]) == 0
-    told = capfd.readouterr().out
+    plan = capfd.readouterr().out
     assert re.search(
-        r"encoding: refine towards up to 192 more frames, about 1000 s, [\d.]+ .B \(the best", told
-    ), told
+        r"encoding: refine towards up to 192 more frames, about 1000 s, [\d.]+ .B \(the best", plan
+    ), plan
     assert cli.main(["plan", *words, "--encode", "auto", "--json"]) == 0
     encoding = json.loads(capfd.readouterr().out)["encoding"]
     assert encoding["method"] == "refine" and encoding["seconds"] > 0 and encoding["reason"]
@@ -705,9 +710,9 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
 
 
 def by_torchoptics(pictures, gain, pitch, wavelength, z):
-    """Mean intensity at a distance from the SLM, behind a round stop in its Fourier plane, of pictures of phases.
+    """Mean intensity of images of phases at a distance from the SLM, behind a round stop in its Fourier plane.
 
-    In double precision on a grid wide enough that nothing comes back from its other side.
+    Computed in double precision on a grid that is wide enough to avoid wraparound.
     """
     torch, torchoptics = pytest.importorskip("torch"), pytest.importorskip("torchoptics")
     (rows, columns), pad = pictures[0].shape, 256
@@ -724,8 +729,8 @@ def by_torchoptics(pictures, gain, pitch, wavelength, z):
 
 
 @pytest.mark.oracle
-def test_pictures_of_phases_are_by_torchoptics_what_they_are_by_us(xml, tmp_path):
-    """From the files that a device is sent: the same pictures, near, far and between, and those of the thin lens."""
+def test_images_of_phases_agree_with_torchoptics(xml, tmp_path):
+    """Images by the device's files are those of HoloPath and of the thin lens, near, far and between."""
     out, focus, side = tmp_path / "out", [0.4, 0.6, 2.0], 256
     words = ["render", str(xml), "--resolution", f"{side}x{side}", "--frames", "4", "--wavelengths", "516.5"]
     assert cli.main([*words, "--encode", "refine", "--out", str(out), "--quiet"]) == 0
@@ -740,18 +745,18 @@ def test_pictures_of_phases_are_by_torchoptics_what_they_are_by_us(xml, tmp_path
     hologram, field = stored.hologram, engine.WaveField.load(out / "wavefield")
     truth = engine.reference(loaded.scene, loaded.camera, hologram, focus, spp=256, near=field.near)
     ours = engine.reconstruct(stored.field(engine.Modulator(8)), focus)
-    for depth, own, wanted in zip(focus, ours, truth, strict=True):
+    for depth, own, target in zip(focus, ours, truth, strict=True):
         z = float(field.mapping.depth_to_z(depth))
         theirs = by_torchoptics(pictures, stored.gains[0], hologram.pitch, hologram.wavelengths[0], z)[
             ..., None
         ]
         assert engine.psnr(theirs, own, 12) > 50  # 53 to 55: our grid has less room for strays
-        assert engine.psnr(theirs, wanted, 12) > 30  # 33 to 39
+        assert engine.psnr(theirs, target, 12) > 30  # 33 to 39
         assert theirs.mean() == pytest.approx(own.mean(), rel=0.005)
 
 
 def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
-    """As the display shows them: other pictures than the field's, beside those."""
+    """Images of phases on a display differ from the field's, and are written beside them."""
     words = ["encode", str(rendered), "--method", "dpac", "--out", str(tmp_path / "hologram"), "--quiet"]
     assert cli.main(words) == 0
     (tmp_path / "response.txt").write_text(" ".join(str(0.09 * n**1.1) for n in range(16)))
@@ -764,18 +769,18 @@ def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
     assert path.read_bytes() != ideal
     for more, says in (
         (["--response", str(tmp_path / "none.txt")], "cannot be read"),
-        (["--bits", "4", "--response", str(tmp_path / "response.txt")], "leave out --bits"),
+        (["--bits", "4", "--response", str(tmp_path / "response.txt")], "Omit --bits"),
         (["--fill-factor", "2"], "fill factor"),
     ):
         refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)
     refused(
-        cli.main(["reconstruct", str(rendered), "--bits", "4"]), capfd.readouterr().err, 2, "add --hologram"
+        cli.main(["reconstruct", str(rendered), "--bits", "4"]), capfd.readouterr().err, 2, "Add --hologram"
     )
     refused(cli.main(["reconstruct", str(rendered), "--hologram"]), capfd.readouterr().err, 2, "no hologram")
 
 
-def test_distances_name_their_files_and_the_far_field_is_told(rendered, capfd):
-    """By millimeters from the SLM: such a field may have no world. 1 km away is one transform, of lambda z / D."""
+def test_distances_name_their_files_and_a_note_says_far_field(rendered, capfd):
+    """Distances are millimeters from the SLM. 1 km away is one transform, with pixels of lambda z / D."""
     field = engine.WaveField.load(rendered / "wavefield")
     near = 1e3 * field.hologram.depth_near
     assert cli.main(["reconstruct", str(rendered), "--distances", f"{near:g}", "--quiet"]) == 0
@@ -783,12 +788,12 @@ def test_distances_name_their_files_and_the_far_field_is_told(rendered, capfd):
     capfd.readouterr()
     assert cli.main(["reconstruct", str(rendered), "--distances", f"{near:g},1000000"]) == 0
     pixel = min(field.hologram.wavelengths) * 1000 / (64 * field.hologram.pitch)
-    assert f"each of the picture's pixels {pixel * 1e3:.4g} mm wide" in capfd.readouterr().err
+    assert f"with pixels of the image {pixel * 1e3:.4g} mm wide" in capfd.readouterr().err
     assert read(rendered / "reconstruction" / "distance_1e+06mm.exr").any()
 
 
-def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
-    """From a scene to phases and pictures, to another program's file and back."""
+def test_an_image_behind_a_lens(xml, tmp_path, capfd):
+    """A scene becomes phases and images, and its field goes to another program's file and back."""
     out, back, lens = tmp_path / "out", tmp_path / "back", "100@80"
     words = ["render", str(xml), "--resolution", "48x32", *GREEN, "--frames", "2", "--lens", lens]
     words += ["--encode", "joint", "--encode-seconds", "1", "--compare-reference"]
@@ -800,14 +805,14 @@ def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
     assert read(out / "reconstruction" / "focus_0.5m.exr").shape[:2] == (
         32,
         32,
-    )  # of the square in its middle
+    )  # the square in its middle
     assert read(out / "reference" / "focus_0.5m.exr").shape[:2] == (32, 32)
     assert min(row["psnr_db"] for row in report["comparison"]) > 15
     assert cli.main(["reconstruct", str(out), "--hologram", "--distances", "0", "--quiet"]) == 0
     assert cli.main(["export", str(out), str(tmp_path / "field.h5"), "--quiet"]) == 0
     assert cli.main(["import", str(tmp_path / "field.h5"), "--out", str(back), "--quiet"]) == 0
     assert engine.WaveField.load(back / "wavefield").hologram == field.hologram
-    # phases of another program, for a lens that the words say
+    # Phases of another program, for a lens by the options.
     np.save(tmp_path / "phase.npy", np.zeros((32, 32), np.float32))
     take = ["import", str(tmp_path / "phase.npy"), "--units", "radians", "--pitch", "8", *GREEN, "--quiet"]
     assert cli.main([*take, "--lens", "50", "--out", str(tmp_path / "flat")]) == 0
@@ -818,24 +823,24 @@ def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
     capfd.readouterr()
     for more, says in (
         (["encode", str(out), "--lens", "90"], "rendered for another lens"),
-        (["plan", str(xml), "--lens", "0"], "finite and not 0, not 0 mm"),
+        (["plan", str(xml), "--lens", "0"], "finite and not 0, got 0 mm"),
         (["plan", str(xml), "--lens", "100@200@200"], "the SLM's own image"),
         (["plan", str(xml), "--lens", "near"], "Expected a lens"),
         (
             ["plan", str(xml), "--lens", "100", "--carrier", "auto"],
-            "leave out the carrier and the stop, or the lens",
+            "Omit the carrier and the stop, or the lens",
         ),
         (["plan", str(xml), "--lens", "100", "--color-scale", "1,1,1.02"], "or the lens"),
-        (["reconstruct", str(out), "--distances=-1000"], "mm from the picture's plane lies beyond infinity"),
+        (["reconstruct", str(out), "--distances=-1000"], "mm from the picture's plane is beyond infinity"),
     ):
         refused(cli.main(more), capfd.readouterr().err, 2, says)
     assert cli.main(["plan", str(xml), "--lens", "50@52", "--depth-mapping", "eyepiece", *GREEN]) == 0
-    said = capfd.readouterr().out  # f^2 / D before infinity, which lies 2 mm before the SLM
-    assert "2.29 m at 7.78 to 3.09 mm from the SLM" in said and "0.44 degrees wide of the camera's 40" in said
+    plan = capfd.readouterr().out  # f^2 / D before infinity, which is 2 mm before the SLM
+    assert "2.29 m at 7.78 to 3.09 mm from the SLM" in plan and "0.44 degrees wide of the camera's 40" in plan
 
 
 def test_pixels_that_are_not_square(xml, tmp_path):
-    """From a scene to phases and pictures, and to another program's file and back."""
+    """A scene becomes phases and images, and its field goes to another program's file and back."""
     out, back = tmp_path / "out", tmp_path / "back"
     words = [
         "render",
@@ -865,15 +870,15 @@ def test_pixels_that_are_not_square(xml, tmp_path):
     assert engine.WaveField.load(back / "wavefield").hologram == field.hologram
 
 
-def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_path, capfd):
-    """Phases of a device's levels are shown as they are, by a list of phases or a calibration."""
+def test_a_response_means_the_same_when_encoding_and_when_refocusing(rendered, tmp_path, capfd):
+    """Phases of a device's levels are unchanged by its response, a list of phases or a calibration."""
     (tmp_path / "list.txt").write_text(" ".join(str(0.29 * n**1.1) for n in range(16)))
-    said = {
+    calibration = {
         "format": "HoloPath SLM calibration",
         "bits": 4,
         "responses": [{"wavelength_nm": 516.5, "range": 0.8}],
     }
-    (tmp_path / "device.json").write_text(json.dumps(said))
+    (tmp_path / "device.json").write_text(json.dumps(calibration))
     for name in ("list.txt", "device.json"):
         response, out = ["--response", str(tmp_path / name)], tmp_path / name[:4]
         words = ["encode", str(rendered), "--method", "dpac", *response, "--out", str(out), "--quiet"]
@@ -890,7 +895,7 @@ def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
     words = ["render", str(xml), *SMALL, *GREEN, "--out", str(out), "--quiet"]
     assert cli.main(words) == 0
     first = (out / "report.json").read_bytes()
-    assert len(os.listdir(out / "reconstruction")) == 6  # three depths found by themselves
+    assert len(os.listdir(out / "reconstruction")) == 6  # three default depths
 
     def fail(*_, **__):
         raise MemoryError
@@ -908,7 +913,7 @@ def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
 
 
 def test_plan_as_json_and_a_blend_brings_its_settings(tmp_path, capfd):
-    """The plan of a demo, and of a file with the demo's scene and settings of its own."""
+    """The plan of a demo, and of a file with the demo's scene and its own settings."""
     bpy = pytest.importorskip("bpy")
     path = str(tmp_path / "scene.blend")
     assert cli.main(["plan", "demo:planes", *SMALL, "--json"]) == 0  # settings are registered now
@@ -931,8 +936,8 @@ def test_plan_as_json_and_a_blend_brings_its_settings(tmp_path, capfd):
 
 def test_plan_as_text(xml, capfd):
     assert cli.main(["plan", str(xml), *SMALL]) == 0
-    said = capfd.readouterr()
-    assert "recording plane" in said.out and said.err == ""
+    printed = capfd.readouterr()
+    assert "recording plane" in printed.out and printed.err == ""
 
 
 def test_progress(capfd):
@@ -948,7 +953,7 @@ def test_progress(capfd):
 
 @pytest.mark.parametrize("shift", [(0, 0), (0.2, 0), (0, -0.1)])
 def test_mitsuba_camera(shift, tmp_path, backend):
-    """What the engine sees through the scene's own sensor is what Mitsuba renders."""
+    """The engine's image through the scene's sensor is that of Mitsuba."""
     import mitsuba as mi
 
     path = tmp_path / "scene.xml"
@@ -958,11 +963,11 @@ def test_mitsuba_camera(shift, tmp_path, backend):
     source = sources.open_source(str(path))
     loaded = source.load(48, 32)
     hologram = engine.Hologram(48, 32, 8e-6, depth_far=1e-3, depth_near=1.001e-3)  # a pupil of a few µm
-    seen = engine.to_rgb(
+    image = engine.to_rgb(
         engine.reference(loaded.scene, loaded.camera, hologram, [1.0], spp=64)[0], hologram.wavelengths
     )
     truth = np.array(mi.render(loaded.scene, integrator=mi.load_dict({"type": "path"}), spp=64))
-    assert np.abs(seen - truth).mean() < 0.01 < truth.std()
+    assert np.abs(image - truth).mean() < 0.01 < truth.std()
 
 
 def test_sensor_of_another_kind(tmp_path, capfd):
@@ -985,7 +990,7 @@ LIT = """<scene version="3.0.0">
 
 
 def test_baked_light_is_kept(tmp_path, capfd):
-    """A second run takes it from the folder that is named; without one nothing is kept."""
+    """A second run reads it from the given folder; without a folder nothing is kept."""
     (tmp_path / "lit.xml").write_text(LIT)
     folder = tmp_path / "baked"
     words = [str(tmp_path / "lit.xml"), *SMALL, *GREEN, "--resolution", "32x32", "--method", "fast"]

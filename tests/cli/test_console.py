@@ -1,4 +1,4 @@
-"""What batch systems hear of the command line: that it is alive, and what it has saved."""
+"""Output of the command line that batch systems read: signs of life, and saved files."""
 
 import os
 import re
@@ -25,14 +25,14 @@ SMALL = ["--resolution", "32x32", "--frames", "1", "--wavelengths", "516.5", "--
 
 
 class Hours:
-    """Time of the console that passes while its thread waits; what happens at which second of it."""
+    """Clock of the console that advances while its thread waits, with events by their second."""
 
     def __init__(self, monkeypatch, events):
         self.now, self.events = 0.0, sorted(events.items(), reverse=True)
         monkeypatch.setattr(console, "time", self)
         monkeypatch.setattr(console.threading, "Event", lambda: self)
         monkeypatch.setattr(console.threading, "Thread", lambda target, args, daemon: self)
-        with console.alive():
+        with console.heartbeat():
             console._repeat(self)
 
     def monotonic(self):
@@ -47,12 +47,12 @@ class Hours:
         return not self.events
 
     def start(self):
-        """As of a thread; the test is the one that runs."""
+        """Method of a thread without effect: the test runs its function."""
 
     set = join = start
 
 
-def test_work_that_says_nothing_is_heard_of(capfd, monkeypatch):
+def test_silent_work_repeats_its_progress(capfd, monkeypatch):
     heard, progress = [], None
 
     def listen():
@@ -72,7 +72,7 @@ def test_work_that_says_nothing_is_heard_of(capfd, monkeypatch):
         900: listen,
     }
     Hours(monkeypatch, events)
-    # nothing is known of it yet; at 180, 240 and 300 s
+    # No progress yet; then at 180, 240 and 300 s.
     assert heard == ["", " 20% Wave tracing (still at work)\n" * 3, "100% Done\n", ""]
 
 
@@ -80,11 +80,11 @@ def test_nothing_is_repeated_soon_after_news(capfd, monkeypatch):
     progress = []
     news = {40 * n: lambda n=n: progress[0](n / 6, "Radiance") for n in range(1, 6)}
     Hours(monkeypatch, {1: lambda: progress.append(console.Progress())} | news | {250: lambda: None})
-    said = capfd.readouterr().err
-    assert said.count("Radiance") == 5 and "still" not in said
+    error = capfd.readouterr().err
+    assert error.count("Radiance") == 5 and "still" not in error
 
 
-def test_quiet_work_is_not_heard_of(capfd, monkeypatch):
+def test_quiet_work_prints_nothing(capfd, monkeypatch):
     progress = console.Progress(quiet=True)
     saved = {1: lambda: progress(0.2, "Wave tracing"), 2: lambda: progress.saved(Path("/a/b.png"), 3)}
     Hours(monkeypatch, saved | {900: lambda: None})
@@ -95,15 +95,15 @@ def test_quiet_work_is_not_heard_of(capfd, monkeypatch):
     ("seconds", "text"),
     [(0.0, "00:00.00"), (83.456, "01:23.45"), (3725.5, "01:02:05.50"), (59.999, "00:59.99")],
 )
-def test_saved_as_blender_says_it(seconds, text, capfd):
+def test_saved_files_are_printed_as_by_blender(seconds, text, capfd):
     console.Progress().saved(Path("/films/it's new/frame.png"), seconds)
-    said = capfd.readouterr().out
-    assert said == f"Saved: '/films/it's new/frame.png'\nTime: {text}\n"
-    assert flamenco.produced(said) == ([Path("/films/it's new/frame.png")], 1)
+    printed = capfd.readouterr().out
+    assert printed == f"Saved: '/films/it's new/frame.png'\nTime: {text}\n"
+    assert flamenco.produced(printed) == ([Path("/films/it's new/frame.png")], 1)
 
 
-def test_a_still_is_told_of_by_the_picture_to_look_at(tmp_path):
-    """Whatever its name, where standard output has no letters for it."""
+def test_a_stills_viewable_image_is_printed(tmp_path):
+    """Its name has letters that the encoding of standard output lacks."""
     (tmp_path / "scene.xml").write_text(SCENE)
     words = ["render", "scene.xml", *SMALL, "--focus", "2m,0.5m", "--out", "Füße"]
     run = subprocess.run(
@@ -122,7 +122,7 @@ def test_a_still_is_told_of_by_the_picture_to_look_at(tmp_path):
     assert b"100% Done in" in run.stderr
 
 
-def test_a_quiet_still_says_nothing(tmp_path, capfd):
+def test_a_quiet_still_prints_nothing(tmp_path, capfd):
     (tmp_path / "scene.xml").write_text(SCENE)
     words = ["render", str(tmp_path / "scene.xml"), *SMALL, "--out", str(tmp_path / "out"), "--quiet"]
     assert cli.main(words) == 0
@@ -132,7 +132,7 @@ def test_a_quiet_still_says_nothing(tmp_path, capfd):
 
 
 def test_an_interrupt_within_blenders_handlers_is_not_lost(empty_scene):
-    """Which Blender would print, and go on."""
+    """Blender would print it and go on."""
     bpy = pytest.importorskip("bpy")
     reached = []
 

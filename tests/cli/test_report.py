@@ -1,4 +1,4 @@
-"""`holopath report` beside the path tracer, as it is typed."""
+"""Command `holopath report` with a comparison with the path tracer."""
 
 import csv
 import xml.etree.ElementTree as ElementTree
@@ -21,15 +21,15 @@ SCENE = """<scene version="3.0.0">
 
 @pytest.fixture
 def scenes(tmp_path):
-    """A shining square before a wall, and one that is half as large."""
+    """An emissive square before a wall, and one half as large."""
     paths = [tmp_path / f"{size}.xml" for size in (0.08, 0.04)]
     for path in paths:
         path.write_text(SCENE.format(size=path.stem))
     return paths
 
 
-def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
-    """Figures of the scene that it is of, and of another one; speckle is at most that of so many frames."""
+def test_comparison_with_the_path_tracer(scenes, backend, tmp_path, capsys):
+    """Figures are better with the field's own scene; speckle is at most that of the number of frames."""
     out = tmp_path / "out"
     words = ["--resolution", "64x64", "--frames", "8", "--depth-range", "0.5,1", "--phase-field", "random"]
     assert cli.main(["render", str(scenes[0]), *words, "--quiet", "--out", str(out)]) == 0
@@ -41,10 +41,10 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
         return {(what, where): float(value) for what, where, value in rows}
 
     right, wrong = map(figures_beside, scenes)
-    assert "is not what the field was rendered of" in capsys.readouterr().err
+    assert "is not the scene of the field" in capsys.readouterr().err
     scenes[0].write_text(scenes[1].read_text())
     assert cli.main(["report", str(out), "--scene"]) == 2
-    assert "has changed since the field was rendered" in capsys.readouterr().err
+    assert "has changed since the render" in capsys.readouterr().err
     assert right.keys() == wrong.keys() and len(right) == 3 * 7 + 13 + 4
     page = (out / "report.html").read_text()
     assert (
@@ -57,20 +57,20 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
         if key[0] == "PSNR, dB" and "pupil" not in key[1]:
             assert value > 18 and value > wrong[key] + 3
         if key[0] == "speckle":
-            assert 0.1 < value < 1.1 * 8**-0.5  # less in focus, where frames of phases alone are bright alike
+            assert 0.1 < value < 1.1 * 8**-0.5  # less in focus, where frames of phases are equally bright
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
         (["--scene", "none.xml"], "none.xml does not exist"),
-        (["--at-frame", "3"], "add --scene"),
-        (["--scene"], "does not say which scene it is of"),
+        (["--at-frame", "3"], "Expected --scene with --at-frame. Add it"),
+        (["--scene"], "does not name a scene"),
         (["--scene", "0.08.xml", "--at-frame", "3"], "has no frames"),
         (["--scene", "0.08.xml", "--paths", "1"], "2 to 65536 paths"),
     ],
 )
-def test_what_is_refused_leaves_nothing(words, says, scenes, tmp_path, monkeypatch, capsys):
+def test_refusals_leave_nothing(words, says, scenes, tmp_path, monkeypatch, capsys):
     from tests.exchange import fields
 
     fields.field().save(tmp_path / "out" / "wavefield")
@@ -82,7 +82,7 @@ def test_what_is_refused_leaves_nothing(words, says, scenes, tmp_path, monkeypat
 
 
 def test_the_sketch_of_the_bench():
-    """All that is drawn is in the page, and what is drawn in ink has the color of its text."""
+    """The page has all lines and texts of the drawing, and those in ink have the color of its text."""
     hologram = engine.Hologram(256, 128, 8e-6, optics=engine.Optics(carrier="auto"))
     drawing, page = bench_sketch.drawing(hologram), ElementTree.fromstring(svg_sketch(hologram))
     assert [each.text for each in page.iter("text")] == [text.text for text in drawing.texts]

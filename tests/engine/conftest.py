@@ -13,7 +13,7 @@ def alone(one_thread):
 
 @pytest.fixture(scope="session")
 def build(backend):
-    """Builders of small scenes; metres."""
+    """Builders of small scenes; meters."""
     return Scenes()
 
 
@@ -78,7 +78,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def field():
-    """A smooth complex field of two frames and two colours, of odd and unequal sides."""
+    """A smooth complex field of two frames and two colors, of odd and unequal sides."""
     rng = np.random.default_rng(1)
     shape = (45, 64)
     noise = rng.normal(size=(2, 2, *shape)) + 1j * rng.normal(size=(2, 2, *shape))

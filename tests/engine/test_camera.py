@@ -1,4 +1,4 @@
-"""What a camera sees and what it does not: clipping, mirrored views, an environment that only lights."""
+"""Visibility to a camera: clipping, mirrored views, an environment that only lights."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ def display():
 
 
 def pictures(scene, camera, display, focus, spp=32, **settings):
-    """Of the hologram and by Mitsuba's thin lens, without the edges."""
+    """Images of the hologram and by Mitsuba's thin lens, without the edges."""
     field = engine.render(scene, camera, display, engine.Settings(frames=24, **settings))
     truth = engine.reference(scene, camera, display, [focus], spp=spp, near=field.near)
     found = engine.reconstruct(field, [focus])

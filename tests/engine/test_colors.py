@@ -38,13 +38,13 @@ def test_where_colors_lie_is_kept_in_json():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"color_scale": (1.0, 1.1)}, "a scale of 2 colors, the hologram 3: give one for each"),
-        ({"color_distance": (1e-3,)}, "a distance of 1 colors, the hologram 3"),
-        ({"color_shift": ((1e-6, 0),) * 2}, "a shift of 2 colors, the hologram 3"),
-        ({"color_scale": (1.0, 1.0, 0.0)}, "relative, 0.5 to 2, not 0"),
-        ({"color_scale": (102.0, 1.0, 1.0)}, "not 102"),
-        ({"color_scale": (math.nan, 1.0, 1.0)}, "not nan"),
-        ({"color_distance": (0.0, math.inf, 0.0)}, "must be finite"),
+        ({"color_scale": (1.0, 1.1)}, "a scale for each of 3 wavelengths, got 2"),
+        ({"color_distance": (1e-3,)}, "a distance for each of 3 wavelengths, got 1"),
+        ({"color_shift": ((1e-6, 0),) * 2}, "a shift for each of 3 wavelengths, got 2"),
+        ({"color_scale": (1.0, 1.0, 0.0)}, "from 0.5 to 2, got 0"),
+        ({"color_scale": (102.0, 1.0, 1.0)}, "got 102"),
+        ({"color_scale": (math.nan, 1.0, 1.0)}, "got nan"),
+        ({"color_distance": (0.0, math.inf, 0.0)}, "finite distances"),
         ({"color_shift": ((0.0, 0.0), (1.0,), (0.0, 0.0))}, "two finite numbers"),
     ],
 )
@@ -54,12 +54,12 @@ def test_where_colors_cannot_lie(given, says):
 
 
 def test_equal_wavelengths_cannot_lie_apart():
-    with pytest.raises(InvalidInput, match="Of equal wavelengths none can lie apart"):
+    with pytest.raises(InvalidInput, match="Expected different wavelengths"):
         Hologram(64, 64, 8e-6, (RGB[0],) * 2, optics=Optics(color_scale=(1.0, 1.01)))
 
 
 def test_each_color_of_a_dot_is_focused_where_it_should_be(build, camera):
-    """By direct sums of the field's pixels, each where the bench has it for its color."""
+    """Compared with direct sums of the field's pixels, at their place on the bench for each color."""
     hologram = Hologram(64, 64, 8e-6, RGB, **ENDS, near=0.5, optics=APART)
     across, pixel = 0.05, 2 * math.tan(camera.fov_x / 2) / 64
     dot = build.plane(1.0, build.emissive(build.grey(1.0)), 0.8 * pixel, x=across)
@@ -109,15 +109,15 @@ def test_two_percent_apart_uncorrected_and_corrected(slanted, camera):
 
 
 def test_a_stored_field_goes_to_another_panel(slanted, camera):
-    """As it would have been rendered for it, but for the border, whose light its own panel had lost."""
+    """The same as rendered for it, except for the border, whose light its own panel had lost."""
     settings = engine.Settings(frames=2, method="full", seed=1)
     plain = engine.render(slanted, camera, Hologram(64, 64, 8e-6, RGB, **ENDS), settings)
     moved = engine.at_panel(plain, APART)
     assert moved.hologram.optics == APART
     focus, picture = [1.0], plain.hologram.picture
-    shown, wanted = engine.reconstruct(moved, focus)[0], engine.reconstruct(plain, focus)[0]
+    shown, target = engine.reconstruct(moved, focus)[0], engine.reconstruct(plain, focus)[0]
     assert picture.width == 64 and shown.shape == (63, 63, 3)
-    a, b = (each[10:-10, 10:-10].mean((0, 1)) for each in (shown, wanted))
+    a, b = (each[10:-10, 10:-10].mean((0, 1)) for each in (shown, target))
     np.testing.assert_allclose(a, b, rtol=0.03)
     back = engine.at_panel(moved, Optics())
     inner = np.s_[..., 16:-16, 16:-16]

@@ -1,4 +1,4 @@
-"""What is kept between launches is no literal, which Dr.Jit 1.5 may widen (docs/theory.md, "A trap of Dr.Jit")."""
+"""Values kept between launches are no literals, which Dr.Jit 1.5 may widen (docs/theory.md, "A trap of Dr.Jit")."""
 
 import gc
 import math
@@ -113,14 +113,14 @@ def test_closures(backend, kind, more):
     assert literals(mi.load_dict({"type": kind, **more})) == []
 
 
-def programs(work, least=1):
+def programs(work, min_operations=1):
     """Hashes of the programs of so many operations at least that some work launches, those that it times, too."""
     import drjit as dr
 
-    found, told = [], dr.kernel_history
+    found, take_history = [], dr.kernel_history
 
     def heard():
-        found.extend(new := told())
+        found.extend(new := take_history())
         return new
 
     dr.kernel_history_clear()
@@ -128,7 +128,7 @@ def programs(work, least=1):
         patched.setattr(dr, "kernel_history", heard)
         work()
         heard()
-    return {k["hash"] for k in found if (k.get("operation_count") or 0) >= least}
+    return {k["hash"] for k in found if (k.get("operation_count") or 0) >= min_operations}
 
 
 def test_one_program_for_all_sizes_and_distances(build, camera):

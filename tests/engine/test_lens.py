@@ -104,7 +104,7 @@ def test_all_colors_share_a_grid():
 
 
 def test_every_second_pixel_of_a_color():
-    """Through a part of the pupil, too, of which every second of its own pixels could hold the light."""
+    """The same through a part of the pupil, whose light every second pixel could hold."""
     hologram, rng = panel(48, RGB), np.random.default_rng(0)
     data = np.exp(2j * math.pi * rng.random((1, 3, 48, 48))).astype(np.complex64)
     field = engine.WaveField(data, hologram, engine.Camera(np.eye(4), 0.4), 1.0)
@@ -155,7 +155,7 @@ SETTINGS = engine.Settings(frames=4, phase_field="designed", method="full")
 
 @pytest.mark.parametrize("lens", [Lens(FOCAL), Lens(0.06, 0.03, 0.07)])
 def test_the_field_is_that_of_pixels_in_the_air(slanted, camera, lens):
-    """What meets the picture's plane is what a panel of its pixels there would send."""
+    """The light in the picture's plane is that of a panel of its pixels there."""
     hologram = panel(48, lens=lens)
     image = hologram.in_air
     ends = image.depth_far, image.depth_near
@@ -171,7 +171,7 @@ def test_the_field_is_that_of_pixels_in_the_air(slanted, camera, lens):
 
 
 def test_a_fourier_hologram_is_as_good_as_one_of_free_space(slanted, camera):
-    """By a thin lens: 0.3 dB, and as bright; phases alone, too."""
+    """Compared with a thin lens: 0.3 dB, and the same brightness; phases alone, too."""
     found, focus = [], [0.8, 1.4]
     for optics in (Optics(), FOURIER):
         hologram = Hologram(64, 64, PITCH, (GREEN,), optics=optics)
@@ -190,7 +190,7 @@ def test_a_fourier_hologram_is_as_good_as_one_of_free_space(slanted, camera):
 
 
 def test_three_colors_are_as_good_as_in_free_space(build, camera):
-    """Of what all colors resolve, by a thin lens; each at its own pixels, and averaged over those of the picture."""
+    """Images that all colors resolve, by a thin lens; each at its own pixels, and averaged over the picture's."""
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(64, 3)), 0.8, 0.4, slant=60))
     found = []
     for optics in (Optics(), FOURIER):
@@ -202,7 +202,7 @@ def test_three_colors_are_as_good_as_in_free_space(build, camera):
 
 
 def test_colors_are_as_bright_as_each_other(build, camera):
-    """On pixels of their own, of 1.4 times as much light's reach."""
+    """Phases on their own pixels, whose light reaches 1.4 times as far."""
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5)), 2.0))
     field = engine.render(scene, camera, panel(48, RGB), SETTINGS)
     picture = engine.reconstruct(field, [1.0])[0, 6:-6, 6:-6]
@@ -211,10 +211,10 @@ def test_colors_are_as_bright_as_each_other(build, camera):
 
 def test_the_plan_says_how_light_comes_there(slanted, camera):
     plan = engine.plan(slanted, camera, panel(32, RGB), SETTINGS)
-    said = {decision.name: decision for decision in plan.decisions}
-    assert said["propagation"].value == "Fourier transform"
-    assert "178 µm at 455.4 nm to 250 at 640" in said["propagation"].reason
-    assert "the picture's plane" in said["depth"].value and plan.traversals == 3
+    by_name = {decision.name: decision for decision in plan.decisions}
+    assert by_name["propagation"].value == "Fourier transform"
+    assert "178 µm at 455.4 nm to 250 at 640" in by_name["propagation"].reason
+    assert "the picture's plane" in by_name["depth"].value and plan.traversals == 3
     free = engine.plan(slanted, camera, Hologram(32, 32, PITCH, RGB), SETTINGS)
     assert "propagation" not in {decision.name for decision in free.decisions}
 
@@ -223,7 +223,7 @@ def test_the_plan_says_how_light_comes_there(slanted, camera):
 
 
 def test_the_slope_of_phases_behind_a_lens():
-    """By differences: of the loss in the picture's plane with respect to phases on the SLM."""
+    """Compared with differences of the loss in the picture's plane with respect to phases on the SLM."""
     hologram = panel(16, RGB[:1] + RGB[2:], lens=Lens(FOCAL, 0.06, 0.12))
     rng = np.random.default_rng(0)
     way, pitch = behind_lens(hologram, RGB[0]), hologram.in_air.pitch_at(RGB[0])
@@ -248,13 +248,13 @@ def test_the_slope_of_phases_behind_a_lens():
 
 @pytest.mark.parametrize("method", ["sgd", "joint", "dpac", "auto"])
 def test_phases_behind_a_lens(slanted, camera, method):
-    """As bright as the field through the aperture, and like it."""
+    """Brightness and image of the field through the aperture."""
     field = engine.render(slanted, camera, panel(48), replace(SETTINGS, frames=8))
     phases = engine.encode(field, method, max_steps=20)
-    wanted, found = (engine.reconstruct(light, [1.0])[0] for light in (field, phases.field()))
+    expected, found = (engine.reconstruct(light, [1.0])[0] for light in (field, phases.field()))
     inner = np.s_[12:-12, 12:-12]  # double phase has corners to lose
-    assert found[inner].mean() == pytest.approx(wanted[inner].mean(), rel=0.1 if method != "dpac" else 0.3)
-    alike = np.corrcoef(found[inner].ravel(), wanted[inner].ravel())[0, 1]
+    assert found[inner].mean() == pytest.approx(expected[inner].mean(), rel=0.1 if method != "dpac" else 0.3)
+    alike = np.corrcoef(found[inner].ravel(), expected[inner].ravel())[0, 1]
     assert (
         alike > {"joint": 0.95, "auto": 0.95, "sgd": 0.6, "dpac": 0.35}[method]
     )  # without a lens 0.22 of dpac
@@ -274,16 +274,16 @@ def test_pixels_beside_the_square_send_their_light_elsewhere(slanted, camera):
 def test_few_frames_begin_with_light_from_all_of_the_aperture(slanted, camera):
     """Each place of the picture from a place of its own: less speckle than random phases begin with."""
     field = engine.render(slanted, camera, panel(48), engine.Settings(frames=1, method="full"))
-    wanted, errors = engine.reconstruct(field, [1.0])[0, 4:-4, 4:-4], {}
+    expected, errors = engine.reconstruct(field, [1.0])[0, 4:-4, 4:-4], {}
     for randomness in (None, 1.0):
         phases = engine.encode(field, "joint", max_steps=40, randomness=randomness)
         picture = engine.reconstruct(phases.field(), [1.0])[0, 4:-4, 4:-4]
-        errors[randomness] = np.linalg.norm(picture - wanted)
+        errors[randomness] = np.linalg.norm(picture - expected)
     assert errors[None] < 0.8 * errors[1.0]
 
 
 def test_one_frame_needs_room_beside_the_picture(slanted, camera):
-    """By a thin lens: all light arrives in the picture otherwise, its errors too."""
+    """Compared with a thin lens: otherwise all light arrives in the picture, its errors too."""
     found = []
     for share in (1.0, 0.6):
         hologram = panel(64, lens=Lens(FOCAL, FOCAL, FOCAL, share))
@@ -340,7 +340,7 @@ def test_an_eyepiece_has_the_depths_of_its_lens():
 
 
 def test_an_eyepiece_is_as_the_camera_that_has_its_field_of_view(slanted):
-    """As eyepiece without a lens, whose focal length the camera's field of view gives."""
+    """The same as an eyepiece without a lens, whose focal length follows from the camera's field of view."""
     focal = 0.02
     camera = engine.Camera(np.eye(4), 2 * math.atan(48 * PITCH / 2 / focal))
     ends = {"depth_far": 0.1e-3, "depth_near": 1e-3, "depth_mapping": "eyepiece"}
@@ -371,7 +371,7 @@ def test_the_far_field_of_free_space():
 
 
 def test_near_and_far_meet():
-    """Where the angular spectrum ends, both are right: of a small spot, on the far field's pixels."""
+    """Both are right where the angular spectrum ends: images of a small spot, on the far field's pixels."""
     hologram = Hologram(32, 32, PITCH, (GREEN,), depth_far=-0.1e-3, depth_near=0.1e-3)
     x, y = places(32)
     wave = np.exp(-(x**2 + y**2) / (30e-6) ** 2)
@@ -398,15 +398,15 @@ def test_a_lens_is_kept(tmp_path):
 @pytest.mark.parametrize(
     ("numbers", "says"),
     [
-        ((0.0,), "finite and not 0, not 0 mm"),
+        ((0.0,), "finite and not 0, got 0 mm"),
         ((-0.1,), "A lens of -100 mm diverges, and its focal plane is before it"),
-        ((-0.1, 0.04), "to look through take one that converges"),
-        ((math.nan,), "not 0, not nan"),
-        ((0.1, -0.01), "0 mm away or more, not -10 mm"),
-        ((0.1, 0.1, 0.0), "over 0 mm away, not 0 mm"),
+        ((-0.1, 0.04), "to look through it choose a converging one"),
+        ((math.nan,), "not 0, got nan"),
+        ((0.1, -0.01), "of 0 mm or more, got -10 mm"),
+        ((0.1, 0.1, 0.0), "above 0 mm, got 0 mm"),
         ((0.1, 0.2, 0.2), "the SLM's own image"),
-        ((0.1, 0.1, 0.1, 1.2), "0.1 to 1 of the width that light reaches there, not 1.2"),
-        ((0.1, 0.1, 0.1, math.nan), "not nan"),
+        ((0.1, 0.1, 0.1, 1.2), "0.1 to 1 of the width that light reaches there, got 1.2"),
+        ((0.1, 0.1, 0.1, math.nan), "got nan"),
     ],
 )
 def test_lenses_that_cannot_be(numbers, says):
@@ -417,10 +417,10 @@ def test_lenses_that_cannot_be(numbers, says):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"optics": Optics(lens=Lens(0.5e-3))}, "choose a longer focal length"),
+        ({"optics": Optics(lens=Lens(0.5e-3))}, "Choose a longer focal length"),
         (
             {"optics": Optics(lens=Lens(FOCAL), carrier="auto")},
-            "leave out the carrier and the stop, or the lens",
+            "Omit the carrier and the stop, or the lens",
         ),
         (
             {"optics": Optics(lens=Lens(FOCAL, 0.1, 0.1)), "depth_mapping": "eyepiece"},
@@ -432,7 +432,7 @@ def test_lenses_that_cannot_be(numbers, says):
         ),
         (
             {"optics": Optics(lens=Lens(FOCAL, share=0.7)), "depth_mapping": "eyepiece"},
-            "leave out the picture's share",
+            "Omit the picture's share",
         ),
         (
             {"optics": FOURIER, "depth_mapping": "eyepiece", "depth_far": 1e-3, "depth_near": 2e-3},

@@ -34,10 +34,10 @@ def test_lines_stay_lines(mode):
     """Points along a world ray of the formula lie on the hologram-space line that it came from."""
     mapping = mapping_of(mode)
     x0, slope, plane = 0.3e-3, 0.02, 82e-3
-    tangent = (x0 + slope * (mapping.z_far - plane)) / mapping.focal + mapping.centre_x
+    tangent = (x0 + slope * (mapping.z_far - plane)) / mapping.focal + mapping.center_x
     for depth in (0.3, 1.0, 50.0):
         world_x = slope * mapping.beta / mapping.focal + depth * tangent
-        x_h = mapping.focal * (world_x / depth - mapping.centre_x)
+        x_h = mapping.focal * (world_x / depth - mapping.center_x)
         assert x_h == pytest.approx(x0 + slope * (mapping.depth_to_z(depth) - plane), abs=1e-9)
 
 
@@ -50,5 +50,5 @@ def test_depths_there_and_back():
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, math.nan])
 def test_focus_behind_the_camera_is_refused(depth):
-    with pytest.raises(InvalidInput, match="in front of the camera"):
+    with pytest.raises(InvalidInput, match="Expected a focus distance of a positive number of meters"):
         mapping_of("fit").depth_to_z(depth)

@@ -51,9 +51,9 @@ def test_a_pitch_is_kept_in_json():
 @pytest.mark.parametrize(
     ("pitch", "says"),
     [
-        ((8e-6, 0.0), "must be positive, not 0 µm"),
-        ((math.nan, 8e-6), "must be positive"),
-        ((8e-6,) * 3, "not 3"),
+        ((8e-6, 0.0), "a positive pixel pitch, got 0 µm"),
+        ((math.nan, 8e-6), "a positive pixel pitch"),
+        ((8e-6,) * 3, "got 3"),
         ((0.2e-6, 8e-6), "0.2 µm is too small for 640 nm"),
     ],
 )
@@ -67,7 +67,7 @@ def test_impossible_pitches_are_refused(pitch, says):
 
 @pytest.mark.parametrize("distance", [-30e-3, 10e-3])
 def test_a_gaussian_beam(distance):
-    """In closed form: Saleh and Teich, Fundamentals of Photonics, eq. 3.1-7."""
+    """Closed form: Saleh and Teich, Fundamentals of Photonics, eq. 3.1-7."""
     x, y = places((200, 256))
     waist = 0.2e-3
 
@@ -93,18 +93,18 @@ def test_a_spherical_wave_comes_to_an_airy_disk():
 
 @pytest.mark.parametrize("steps", [(0.7, 1.23), (0.8, 1.25), (1.5, 31 / 30)])
 def test_waves_between_pixels_are_direct_sums(steps):
-    """By chirps, and by FFTs where steps are whole parts of the grid."""
+    """Chirps, and FFTs where steps are whole parts of the grid."""
     rng = np.random.default_rng(0)
     shape, rows, columns = (24, 35), EvenSteps(-0.3, steps[0], 16), EvenSteps(2.1, steps[1], 17)
     band = np.hypot(*np.meshgrid(*map(np.fft.fftfreq, shape), indexing="ij")) < 0.3
     spectrum = (band * (rng.normal(size=shape) + 1j * rng.normal(size=shape))).astype(np.complex64)
     down, across = (line.first + line.step * np.arange(line.count) for line in (rows, columns))
     fy, fx = (np.fft.fftfreq(n) for n in shape)
-    wanted = (
+    expected = (
         np.exp(2j * math.pi * np.outer(down, fy)) @ spectrum @ np.exp(2j * math.pi * np.outer(fx, across))
     )
     np.testing.assert_allclose(
-        propagation.sampled(spectrum, (rows, columns)), wanted / spectrum.size, atol=1e-6
+        propagation.sampled(spectrum, (rows, columns)), expected / spectrum.size, atol=1e-6
     )
 
 
@@ -132,7 +132,7 @@ def slanted(build):
 
 @pytest.mark.parametrize(("size", "pitch"), [((80, 64), PITCH), ((64, 75), (8e-6, 6.9e-6))])
 def test_a_dot_is_focused_where_it_should_be(build, camera, size, pitch):
-    """By direct sums of the field's pixels, where each lies: as far away as the mapping says, and round."""
+    """Compared with direct sums of the field's pixels: a round spot at the distance of the mapping."""
     hologram = Hologram(*size, pitch, (GREEN,), **ENDS, near=0.5)
     across, upward = 0.05, -0.08  # of the view, tangents
     pixel = 2 * math.tan(camera.fov_x / 2) / 64
@@ -158,7 +158,7 @@ def test_a_dot_is_focused_where_it_should_be(build, camera, size, pitch):
 
 
 def test_pictures_are_those_of_square_pixels(slanted, camera):
-    """As sharp and as bright as with 8 x 8 µm at the same size, by the thin lens; phases, too."""
+    """Sharpness and brightness of 8 x 8 µm at the same size, by the thin lens; phases, too."""
     found, focus = {}, [0.8, 1.4]
     for pitch, width in ((8e-6, 96), (PITCH, 120)):
         hologram = Hologram(width, 96, pitch, (GREEN,), **ENDS)
@@ -192,7 +192,7 @@ def test_other_methods_show_the_same(slanted, camera, method):
 
 @pytest.mark.parametrize("method", ["focal-stack", "light-field", "rgbd-sgd"])
 def test_methods_that_find_phases_find_those_of_own_pixels(slanted, camera, method):
-    """As sharp and as bright as square pixels, by the thin lens; the light is of one modulus at the panel's own."""
+    """Sharpness and brightness of square pixels, by the thin lens; the light is of one modulus at the panel's own."""
     found = []
     for pitch, width in ((8e-6, 48), (PITCH, 60)):
         hologram = Hologram(width, 48, pitch, (GREEN,), **ENDS)

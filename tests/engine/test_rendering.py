@@ -47,12 +47,12 @@ def test_emissive_planes(build, camera, small):
 
 @pytest.mark.slow
 def test_half_the_rays_lose_little(build, camera, small):
-    """What is left is a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
+    """Fewer rays fill a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
     settings = engine.Settings(frames=24, planes=1, spp=50)
     field, rows = compare(build.two_planes(build.emissive), camera, small, settings, [0.5, 1.0, 2.0])
     assert field.plan["rays_per_pixel"] <= 50
-    for (depth, picture, reference), least in zip(rows, (25.5, 28, 27), strict=True):
-        assert engine.psnr(picture, reference) >= least, depth
+    for (depth, picture, reference), bound in zip(rows, (25.5, 28, 27), strict=True):
+        assert engine.psnr(picture, reference) >= bound, depth
         assert brightness(picture, reference) == pytest.approx(1, abs=0.02), depth
 
 
@@ -86,8 +86,8 @@ def test_paper_s_estimator(build, camera, small):
 
 
 @pytest.mark.slow
-def test_closed_box_in_colour(build):
-    """Nearly all light in view is indirect: every region and colour is as bright as path traced."""
+def test_closed_box_in_color(build):
+    """Nearly all light in view is indirect: every region and color is as bright as path traced."""
     camera = engine.Camera(np.eye(4), math.radians(36))
     hologram = engine.Hologram(128, 128, 8e-6, RGB, depth_far=0.2e-3, depth_near=2.7e-3)
     # auto bakes where the machine is busy, and texels for so few pixels are up to 4 % too dark
@@ -147,7 +147,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
 
 
 def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera):
-    """Of 160 x 160 pixels, some 5,000 speckles: their contrast is known within 1 %."""
+    """An image of 160 x 160 pixels has some 5,000 speckles: their contrast is known within 1 %."""
     hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5))))
     for frames in (1, 8, 24):
@@ -173,9 +173,9 @@ def test_sky_is_at_infinity(build, camera, small):
 
 def test_each_wavelength_shows_its_channel(build, camera):
     hologram = engine.Hologram(96, 96, 8e-6, RGB, 0.5e-3, 3e-3)
-    colour = {"type": "rgb", "value": [0.9, 0.3, 0.1]}
+    color = {"type": "rgb", "value": [0.9, 0.3, 0.1]}
     field = engine.render(
-        build.scene(plane=build.plane(1.0, build.emissive(colour))),
+        build.scene(plane=build.plane(1.0, build.emissive(color))),
         camera,
         hologram,
         engine.Settings(frames=8),
@@ -216,7 +216,7 @@ def test_same_seed_same_field(build, camera):
     assert not np.allclose(fields[0], fields[2])
 
 
-def test_cancelling_stops_the_work(build, camera, small):
+def test_canceling_stops_the_work(build, camera, small):
     calls = []
 
     def progress(done, message):
@@ -255,13 +255,13 @@ def test_direct_method_is_the_paper_s_estimator_at_the_slm(build, camera):
     "reflectance",
     [0.05, 0.5, 0.95],
 )
-def test_brightness_over_albedo_in_colour(build, camera, reflectance):
+def test_brightness_over_albedo_in_color(build, camera, reflectance):
     hologram = engine.Hologram(128, 128, 8e-6, RGB, 0.3e-3, 2.8e-3)
-    colour = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
+    color = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
     lamp_place = build.T().look_at(origin=[1.5, 2, 1], target=[0, 0, -1.5], up=[0, 1, 0]).scale(0.5)
     scene = build.scene(
-        wall=build.plane(2.0, build.diffuse(colour)),
-        front=build.plane(0.8, build.diffuse(colour), 0.06, x=-0.05),
+        wall=build.plane(2.0, build.diffuse(color)),
+        front=build.plane(0.8, build.diffuse(color), 0.06, x=-0.05),
         lamp={"type": "rectangle", "to_world": lamp_place, **build.emissive(build.grey(20.0))},
     )
     _, rows = compare(scene, camera, hologram, engine.Settings(frames=24), [0.8, 2.0])

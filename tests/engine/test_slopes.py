@@ -15,7 +15,7 @@ FOCUS = (0.45, 0.6, 0.8, 1.0, 1.4, 2.0)
 @pytest.mark.parametrize("distance", [3.1e-3, 1.1e-3, -1.7e-3])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (3.0, 0.0), (-1.0, 1.6)])
 def test_the_shares_of_a_plane_s_grains_are_one(backend, slopes, distance):
-    """In closed form: lattice directions (s_x, s_y) meet the plane dz = distance / (1 - s_x g_x - s_y g_y).
+    """Closed form: lattice directions (s_x, s_y) meet the plane dz = distance / (1 - s_x g_x - s_y g_y).
 
     Counted as if all lay at one depth, shares add up to 1 with a spread of 6 to 20 %.
     """

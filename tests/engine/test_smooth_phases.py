@@ -26,7 +26,7 @@ slow = pytest.mark.slow
     ],
 )
 def test_planes_of_any_slope_are_as_bright_as_they_are(build, camera, turned, randomness, planes):
-    """Without lines where recording planes share the plane, and where its depth passes through levels of the tables."""
+    """No lines where recording planes share the plane, and where its depth passes through levels of the tables."""
     plane = build.plane(1.0, {}, 4.0, 4.0, slant=turned)
     how = {**SMOOTH, "randomness": randomness, "frames": 12 if randomness else 1, "planes": planes}
     picture = uniform(build, camera, plane, FOCUS, **how)
@@ -46,7 +46,7 @@ def test_planes_of_any_slope_are_as_bright_as_they_are(build, camera, turned, ra
     ],
 )
 def test_planes_at_any_depth_are_as_bright_as_they_are(build, camera, depth, randomness):
-    """From a recording plane that lies far from them, which by the table of random phases is off by half."""
+    """Brightness from a distant recording plane, which by the table of random phases is off by half."""
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 1e-3, 3.5e-3, near=0.4)
     scene = build.scene(plane=build.plane(depth, build.emissive(build.grey(1.0))))
     how = {**SMOOTH, "randomness": randomness, "frames": 12 if randomness else 1}
@@ -55,7 +55,7 @@ def test_planes_at_any_depth_are_as_bright_as_they_are(build, camera, depth, ran
     assert pictures[:, INNER, INNER].mean((1, 2, 3)) == pytest.approx([1, 1], abs=0.02)
 
 
-def seen(build, camera, scene, depths, **how):
+def measure(build, camera, scene, depths, **how):
     """Brightness over that through a thin lens, and PSNR."""
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.5e-3, 2.5e-3, near=0.5)
     truth = engine.reference(scene, camera, hologram, depths, spp=64, near=0.5)
@@ -87,16 +87,16 @@ def test_what_is_seen_over_one_another_adds_up(build, camera, what):
     else:
         plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.grey(0.3)}
         scene = before_a_wall(build, plastic, light=3.0)
-    ratios, values = seen(build, camera, scene, [1.0, 0.7])
+    ratios, values = measure(build, camera, scene, [1.0, 0.7])
     assert ratios == pytest.approx([1, 1], abs=0.02)
     assert min(values) > (14 if what == "thick pane" else 30)
 
 
 def test_one_frame_shows_a_picture(build, camera):
-    """In focus, where designed phases show little but speckle."""
+    """Images in focus, where designed phases show little but speckle."""
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(64, 3))))
     designed = {"phase_field": "designed", "randomness": None}
-    values = [seen(build, camera, scene, [1.0], **how)[1][0] for how in ({}, designed)]
+    values = [measure(build, camera, scene, [1.0], **how)[1][0] for how in ({}, designed)]
     values += [values[0] - values[1]]
     assert values[0] > 20 and values[2] > 8
 
@@ -158,7 +158,7 @@ def test_frames_traced_along_are_the_same(build, camera, small):
 
 
 def test_all_random_is_random(build, camera):
-    """To the last bit, over what is seen over one another, too."""
+    """Equal to the last bit, over several reflections, too."""
     scene = before_a_wall(build, {"type": "thindielectric", "int_ior": 1.9})
     hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), 0.5e-3, 2.5e-3, near=0.5)
     fields = [

@@ -219,8 +219,8 @@ REFUSALS = [
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--fov", "180"], "The field of view must lie between 0 and 180 degrees"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--camera", "A"], "has no camera 'A'"),
     ("m", ["--depth", "d.npy", *FOR_PICTURE, "--at-frame", "2"], "has no frames"),
-    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--define", "a=1"], "leave out --define"),
-    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--scene-name", "A"], "leave out --scene-name"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--define", "a=1"], "Omit --define"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--scene-name", "A"], "Omit --scene-name"),
 ]  # fmt: skip
 DEPTHS = {
     "m": DEPTH,
@@ -283,7 +283,11 @@ def test_points_that_are_not_numbers_are_left_out_with_a_note(backend, tmp_path)
 
 def test_options_of_captures_are_refused_elsewhere(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused(["demo:planes", "--fov", "30"], "nor an .npy or .npz of views: leave out --fov", capfd)
+    refused(
+        ["demo:planes", "--fov", "30"],
+        "or an .npy or .npz of views for --fov, got demo:planes. Omit it",
+        capfd,
+    )
 
 
 def quilted(path, columns, rows, numbers):
@@ -433,7 +437,7 @@ WHERE = ["--view-span", "0.1", "--view-focus", "1m"]
         ("q_qs3x1a1.png", (8, 2, 3), WHERE, "has 2 x 8 pixels, which cannot be 3 x 1"),
         ("q_qs3x1a0.png", (8, 24, 3), WHERE, "has 24 x 8 pixels, which cannot be 3 x 1"),
         ("q_qs3x1a1.png", (8, 24, 3), [], "are unknown. Add --view-span with the meters from the first viewpoint"),
-        ("q_qs3x1a1.tga", (8, 24, 3), WHERE, "a .ply or an .npy or .npz of views"),
+        ("q_qs3x1a1.tga", (8, 24, 3), WHERE, "a .ply, or an .npy or .npz of views, got the scene"),
     ],
 )  # fmt: skip
 def test_what_views_refuse(backend, tmp_path, monkeypatch, capfd, name, shape, words, text):

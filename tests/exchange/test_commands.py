@@ -43,7 +43,7 @@ def test_phases_refocus_and_focus_by_distance(rendered, tmp_path, capsys):
     names = sorted(path.name for path in (out / "reconstruction").glob("*.png"))
     assert names == ["hologram_distance_1mm.png", "hologram_distance_3mm.png"]
     assert cli.main([*words, "0.5"]) == 2
-    assert "0.5 mm from the SLM lies beyond infinity, which this field has at 1 mm" in capsys.readouterr().err
+    assert "0.5 mm from the SLM is beyond infinity, which is at 1 mm in this field" in capsys.readouterr().err
 
 
 def test_an_array_of_its_own_convention(tmp_path):
@@ -64,7 +64,7 @@ def test_an_array_of_its_own_convention(tmp_path):
     [
         (["import", "none.h5", "--out", "new"], "does not exist. Give a file of"),
         (["import", "u.npy", "--out", "new"], "The file has no pixel pitch. Give --pitch, in micrometers"),
-        (["import", "u.npy", "--out", "full"], "full is there already: choose a new folder"),
+        (["import", "u.npy", "--out", "full"], "The output full exists already. Choose a new folder"),
         (
             ["import", "u.npy", "--out", "new", "--axes", "y,y"],
             "Expected axes frame,wavelength,y,x in any order",
@@ -72,16 +72,19 @@ def test_an_array_of_its_own_convention(tmp_path):
         (["export", "none", "a.h5"], "The folder none does not exist"),
         (["export", "rendered", "a.tga"], "Expected a file of"),
         (["export", "rendered", "a.tif"], "Fields and phases cannot be written as pictures. Give a file"),
-        (["import", "a.npy", "b.npy", "--out", "new"], "say what each is, as amplitude=FILE phase=FILE"),
+        (
+            ["import", "a.npy", "b.npy", "--out", "new"],
+            "Expected a role for each file of a field. Write amplitude=FILE phase=FILE",
+        ),
         (
             ["import", "phase=u.npy", "--out", "new", "--pitch", "8"],
             "which cannot be a phase. Give",
         ),
         (
             ["import", "phase=u.npy", "real=u.npy", "--out", "new", "--array", "u"],
-            "say --array phase=u, as in",
+            "Write for example --array phase=u",
         ),
-        (["import", "u.npy", "--out", "new", "--array", "phase=a,phase=b"], "names a role twice"),
+        (["import", "u.npy", "--out", "new", "--array", "phase=a,phase=b"], "Expected each role once"),
         (
             ["export", "rendered", "a.h5", "--convention", "odak"],
             "There are 3 frames, but no axis for them. Name it",
@@ -111,9 +114,9 @@ def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
     assert rows[0] == ["what,where", "value"] and len(rows) > 9 * 13 + 13 + 2 + 1
     (rendered / "wavefield").rename(tmp_path / "aside")
     assert cli.main(["report", str(rendered), "--out", str(tmp_path / "phases.html"), "--quiet"]) == 0
-    assert "come to those of the complex field" not in (tmp_path / "phases.html").read_text()
+    assert "relative to those of the complex field" not in (tmp_path / "phases.html").read_text()
     assert cli.main(["report", str(tmp_path / "aside"), "--out", str(tmp_path / "a.txt")]) == 2
-    assert "end its name on .html" in capsys.readouterr().err
+    assert "Expected a page with the suffix .html" in capsys.readouterr().err
     assert cli.main(["report", str(tmp_path / "none")]) == 2
     assert "does not exist" in capsys.readouterr().err
 
@@ -153,7 +156,7 @@ def test_a_report_that_is_interrupted_leaves_nothing(where, what, rendered, tmp_
 
 def interrupted(words, folder, left, capsys):
     assert cli.main(words) == 1
-    assert capsys.readouterr().err == "holopath: Cancelled: nothing was written.\n"
+    assert capsys.readouterr().err == "holopath: Canceled: nothing was written.\n"
     assert [path.name for path in folder.iterdir()] == left
 
 

@@ -204,8 +204,8 @@ WIDTH = '<integer name="width" value="$width"/><integer name="height" value="20"
     ("default", "words", "says"),
     [
         ("", [], "without a default. Add --define width=VALUE"),
-        ("", ["-D", "width"], "'width' is not NAME=VALUE"),
-        ("", ["--define=wide th=3"], "'wide th=3' is not NAME=VALUE"),
+        ("", ["-D", "width"], "Expected NAME=VALUE, for example width=640, got 'width'"),
+        ("", ["--define=wide th=3"], "Expected NAME=VALUE, for example width=640, got 'wide th=3'"),
         ("", ["-Dwidth=16", "--define", "size=3"], "to define. It has width"),
         ('<default name="width" value="16"/>', ["-D", "wid=3"], r"no parameter \$wid to define"),
         ("", ["-D", "width=wide"], "could not parse integer value \"wide\""),
@@ -219,7 +219,7 @@ def test_parameters_that_are_wrong(written, default, words, says, capfd):
 
 def test_a_demo_has_no_parameters(capfd):
     assert cli.main(["plan", "demo:planes", "-D", "width=16"]) == 2
-    assert "demo:planes has no parameters to define: leave out --define" in capfd.readouterr().err
+    assert "demo:planes has no parameters to define. Omit --define" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["width", "filename"])

@@ -128,8 +128,8 @@ def test_a_beam_on_the_command_line(folder, tmp_path, capsys):
     capsys.readouterr()
     for words, says in (
         ([*encode, "--beam", "gaussian:0.01,3,0"], "passes the panel"),
-        ([*encode, "--beam", "tilt:9,0"], "tilt or focus it less"),
-        (["reconstruct", str(folder), "--focus", "1.2", "--beam", "flat"], "add --hologram"),
+        ([*encode, "--beam", "tilt:9,0"], "Tilt or focus it less"),
+        (["reconstruct", str(folder), "--focus", "1.2", "--beam", "flat"], "Add --hologram"),
     ):
         assert cli.main(words) == 2
         assert says in capsys.readouterr().err
@@ -169,7 +169,7 @@ def test_colors_on_the_command_line(folder, tmp_path, capsys):
     assert engine.PhaseHologram.load(tmp_path / "again" / "hologram").hologram == phase.hologram
     capsys.readouterr()
     assert cli.main([*words, "--color-scale", "1,1.02"]) == 2
-    assert "a scale of 2 colors, the hologram 1: give one for each" in capsys.readouterr().err
+    assert "Expected a scale for each of 1 wavelengths, got 2" in capsys.readouterr().err
     assert engine.PhaseHologram.load(folder / "hologram").hologram == phase.hologram
 
 
@@ -204,7 +204,7 @@ def test_colors_of_a_calibration(folder, tmp_path, capsys):
     for words, says in (
         (
             ["--color-scale", "1.1"],
-            "--colors-from says where colors lie, and so does --color-scale: leave out either",
+            "Expected either --colors-from or --color-scale, got both. Omit one of them",
         ),
         (["--colors-from", str(tmp_path / "no.json")], "no.json cannot be read"),
     ):
@@ -221,7 +221,7 @@ def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
     phase = engine.PhaseHologram.load(folder / "hologram")
     assert phase.hologram.optics.beam == exchange.parse_beam(beam)
     container = exchange.container_of(phase)
-    with pytest.raises(engine.InvalidInput, match="give it by --beam"):
+    with pytest.raises(engine.InvalidInput, match="Give it by --beam"):
         exchange.hologram_of(container)
     given = exchange.ReadOptions(optics=engine.Optics(exchange.parse_beam(beam)))
     assert exchange.hologram_of(container, given).hologram == phase.hologram
@@ -284,8 +284,8 @@ def test_a_stop_on_the_command_line(folder, tmp_path, capsys):
     assert alike[0] > 0.5 and abs(alike[1]) < 0.3  # one frame of one bit
     capsys.readouterr()
     for words, says in (
-        (["--carrier", "0.9,0.9"], "A carrier lies within the band"),
-        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far as the band"),
+        (["--carrier", "0.9,0.9"], "Expected a carrier within the band"),
+        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far"),
         (["--stop", "hole"], "Expected a stop"),
     ):
         assert cli.main([*encode, *words]) == 2

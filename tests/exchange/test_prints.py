@@ -75,19 +75,25 @@ WHICH = ["--frame", "0", "--wavelength", "640"]
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--interference"], "one frame, and there are 3: choose one with --frame N"),
-        (["--interference", "--frame", "3"], "choose --frame 0 to 2"),
-        (["--interference", "--frame", "0"], "choose --wavelength 640, 455.4"),
-        (["--interference", "--frame", "0", "--wavelength", "532"], "no light of 532 nm"),
+        (["--interference"], "Expected one frame for a print, got 3. Choose one with --frame N"),
+        (["--interference", "--frame", "3"], "Expected a frame from 0 to 2, got 3"),
+        (["--interference", "--frame", "0"], "Choose --wavelength 640, 455.4"),
+        (
+            ["--interference", "--frame", "0", "--wavelength", "532"],
+            "Expected a wavelength of the hologram, got 532 nm",
+        ),
         (["--interference", *WHICH, "--dpi", "2400"], "2400 dots per inch are 10.583 µm apart, the"),
         (["--interference", *WHICH, "--dpi", "0"], "positive number of dots"),
         (["--interference", *WHICH, "--carrier", "0,0"], "lie on each other"),
-        (["--interference", *WHICH, "--carrier", "1,0"], "A carrier lies within the band"),
+        (["--interference", *WHICH, "--carrier", "1,0"], "Expected a carrier within the band"),
         (["--interference", *WHICH, "--axes", "y,x"], "A print has no convention"),
-        (["--interference", *WHICH, "--hologram"], "encode them with --carrier auto"),
-        (["--interference", *WHICH, "--hologram", "--carrier", "auto"], "Stored phases have their carrier"),
-        (["--dpi", "3175"], "--dpi is of a print: add --interference"),
-        (["--bits", "1"], "--bits is of a print"),
+        (["--interference", *WHICH, "--hologram"], "Encode with --carrier auto"),
+        (
+            ["--interference", *WHICH, "--hologram", "--carrier", "auto"],
+            "Stored phases have their own carrier",
+        ),
+        (["--dpi", "3175"], "Expected --interference with --dpi. Add it"),
+        (["--bits", "1"], "Expected --interference with --bits"),
     ],
 )
 def test_what_is_refused(folder, tmp_path, capsys, words, says):
@@ -108,4 +114,4 @@ def test_pixels_that_are_not_square(folder, tmp_path, capsys):
     assert (
         cli.main(["export", str(tmp_path / "oblong"), str(tmp_path / "a.png"), "--interference", *WHICH]) == 2
     )
-    assert "as far apart in x as in y, and pixels are 6.4" in capsys.readouterr().err
+    assert "Expected square pixels for a print, got 6.4" in capsys.readouterr().err

@@ -193,6 +193,6 @@ def test_view_layers_that_renders_use(stage, tmp_path):
     for layer in source.scene.view_layers:
         layer.use = False
     with pytest.raises(
-        engine.InvalidInput, match="turn on Use for Rendering of one, or name one with --view-layer"
+        engine.InvalidInput, match="Turn on Use for Rendering of one, or choose one with --view-layer"
     ):
         source.load(8, 8)

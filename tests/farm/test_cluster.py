@@ -425,7 +425,7 @@ def test_who_interrupts_it_keeps_what_is_done(number, alone, tmp_path):
     assert process.returncode == 1
     lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
     assert lines == [
-        f"holopath: Cancelled: the frames that are done are in {out}, and the same command goes on after them."
+        f"holopath: Canceled: finished frames are in {out}. The same command continues after them."
     ]
     assert "Traceback" not in error
     assert all(name.startswith("frame_") or name in ("job.json", "light") for name in names(out)), names(out)
@@ -499,9 +499,9 @@ def test_a_folder_that_a_machine_does_not_see(tmp_path, monkeypatch):
 
 def test_a_still_is_made_by_one_process(tmp_path, capsys):
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:2"]) == 2
-    assert "One process makes a still: add --animation" in capsys.readouterr().err
+    assert "One process renders a still. Add --animation" in capsys.readouterr().err
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:"]) == 2
     assert "Expected a cluster" in capsys.readouterr().err
     assert cli.main(["encode", str(tmp_path), "--cluster", "local:2"]) == 2
-    assert "holds no animation" in capsys.readouterr().err
+    assert "Expected an animation in" in capsys.readouterr().err
     assert names(tmp_path) == []

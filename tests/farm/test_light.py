@@ -200,7 +200,7 @@ def test_light_of_a_scene_that_moves_is_decided_as_of_none(blend, tmp_path, monk
         wall.keyframe_insert("location", frame=frame)
     bpy.ops.wm.save_mainfile()
     baked, looked = [], []
-    bake = job_light.PlannedRender.bake
+    bake = job_light.RenderContext.bake
     planned = job_light.planner.plan
 
     def counted(render, store, progress):
@@ -211,7 +211,7 @@ def test_light_of_a_scene_that_moves_is_decided_as_of_none(blend, tmp_path, monk
         looked.append(store.files())
         return planned(scene, camera, hologram, settings, store, progress)
 
-    monkeypatch.setattr(job_light.PlannedRender, "bake", counted)
+    monkeypatch.setattr(job_light.RenderContext, "bake", counted)
     monkeypatch.setattr(job_light.planner, "plan", plan)
     out = tmp_path / "out"
     store = engine.BakeStore(f"{out}.cache")

@@ -137,9 +137,11 @@ def test_phases_begin_with_those_of_the_frame_before(tmp_path, monkeypatch, capf
 def test_starts_that_there_are_not(tmp_path, capfd):
     film = film_of(tmp_path / "film", 1)
     refused(
-        cli.main(words(film, "--start", "there")), capfd.readouterr().err, "begin with arg, dpac or before"
+        cli.main(words(film, "--start", "there")),
+        capfd.readouterr().err,
+        "Expected arg, dpac or before for --start",
     )
     dpac = ["encode", str(film), "--method", "dpac", "--start", "before"]
-    refused(cli.main(dpac), capfd.readouterr().err, "by descent, not for dpac")
+    refused(cli.main(dpac), capfd.readouterr().err, "gradient descent for --start before, got dpac")
     still = words(film / "frame_0001", "--start", "before")
-    refused(cli.main(still), capfd.readouterr().err, "holds no animation.*or give ./before")
+    refused(cli.main(still), capfd.readouterr().err, "Expected an animation.*or give ./before")

@@ -187,7 +187,7 @@ def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
     wait_for(lambda: (out / FRAMES[0]).exists() and list(out.glob(".claims/frame_*")), other)
     other.send_signal(number)
     _, error = other.communicate(timeout=NEVER)
-    assert other.returncode == 1 and "Cancelled: the frames that are done are in" in error, error
+    assert other.returncode == 1 and "Canceled: finished frames are in" in error, error
     assert all(re.fullmatch(r"frame_\d+|job.json", name) for name in names(out)) and FRAMES[0] in names(out)
 
 

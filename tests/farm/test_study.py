@@ -207,7 +207,7 @@ def test_the_table_tells_what_the_reports_do(study, tmp_path):
 def test_without_h5py(study, tmp_path, capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     assert run(study()) == 0
-    assert "note: table.h5 is left out" in capfd.readouterr().err
+    assert "note: table.h5 is not written" in capfd.readouterr().err
     assert (tmp_path / "small" / "table.csv").is_file() and not (tmp_path / "small" / "table.h5").exists()
 
 
@@ -218,7 +218,7 @@ def test_a_run_that_fails_does_not_end_the_study(study, renders, tmp_path, capfd
     error = capfd.readouterr().err
     assert "failed: Not enough memory" in error and error.count(": failed: ") == 2
     assert error.splitlines()[-1] == (
-        f"holopath: 2 of 3 runs failed: the column error of {out / 'table.csv'} says why."
+        f"holopath: 2 of 3 runs failed. See the column error in {out / 'table.csv'}."
     )
     found = table(out)
     assert [row["error"][:12] for row in found] == ["Not enough m", "", "", "Nothing is t"]
@@ -232,7 +232,7 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
     path = study("[grid]\nframes = [1, 2, 3]\n")
     assert run(path) == 1
     error = capfd.readouterr().err.splitlines()[-1]
-    assert error.startswith("holopath: Cancelled: the runs that are done are in")
+    assert error.startswith("holopath: Canceled: finished runs are in")
     assert [row["error"] for row in table(tmp_path / "small")] == ["", "", *["This run is not made yet."] * 2]
     assert run(path) == 0
     assert [frames for _, frames in renders.found] == [1, 2, 2, 3]
@@ -244,7 +244,7 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
     [
         ("frame = 3\n", "Expected a setting among quality, "),
         ('out = "x"\n', "got 'out'"),
-        ("[grid]\nframes = [1, 0]\n", "Frames must be from 1 to 256, not 0"),
+        ("[grid]\nframes = [1, 0]\n", "Frames must be from 1 to 256, got 0"),
         ('[grid]\nquality = ["best"]\n', "argument --quality: invalid choice: 'best'"),
         ("[grid]\nframes = 3\n", "Expected frames in [grid] as a list of one or more"),
         ("[grid]\nframes = []\n", "Expected frames in [grid] as a list of one or more"),
@@ -254,13 +254,13 @@ def test_goes_on_where_it_was_cancelled(study, renders, tmp_path, capfd):
         ("[[list]]\nspeckle = 0.2\nframes = 2\n", "not allowed with"),
         ('rgbd = "yes"\n', "Expected rgbd to be true or false, got yes"),
         ('resolution = "32"\nsd = 1\n', "cannot be read"),
-        ('[grid]\nresolution = ["32"]\n', "'32' is not WIDTHxHEIGHT"),
-        ("[grid]\npitch = [-8]\n", "The pixel pitch must be positive"),
+        ('[grid]\nresolution = ["32"]\n', "Expected WIDTHxHEIGHT in pixels, for example 512x512, got '32'"),
+        ("[grid]\npitch = [-8]\n", "Expected a positive pixel pitch"),
         ('[grid]\ndisplay = ["leto-3"]\n', "--display sets resolution and pitch"),
         ('[grid]\nencode = ["best"]\n', "argument --encode: invalid choice"),
         ("[grid]\npupil = [[0, 0, -1]]\n", "positive diameter"),
         ("[grid]\nat_frame = [1.5]\n", "got '1.5'"),
-        ("light_field = 1\n", "A light field has 2 to 32 views in a row, not 1"),
+        ("light_field = 1\n", "Expected 2 to 32 views in a row, got 1"),
         ("[views]\ncount = 0\n", "Expected count and seed of [views] as whole numbers"),
         ('[views]\nright = "far"\n', "Expected right of [views] as a range"),
         ("[views]\nleft = 1\n", "got 'left'"),
@@ -280,10 +280,10 @@ def test_refuses_before_anything_is_rendered(text, says, study, renders, tmp_pat
     [
         ('scenes = ["ball.xml", "none.blend"]', "none.blend does not exist"),
         ('scenes = ["demo:none"]', "There is no demo 'none'"),
-        ('scenes = ["ball.ply"]', "ball.ply is a picture, a point cloud or views, which studies do not take"),
+        ('scenes = ["ball.ply"]', "Expected a .blend, an .xml or a demo, got ball.ply"),
         ("", "Expected scenes as a list of one or more"),
         ("scenes = [1]", "Expected scenes as files or demo:NAME"),
-        ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, not -1"),
+        ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, got -1"),
         ('scenes = ["ball.xml"]\nlist = [1]', "Expected list as tables of settings"),
         ('scenes = ["ball.xml"]\ngrid = 1', "Expected grid as a table"),
     ],

@@ -24,7 +24,7 @@ def test_printed_or_written(farm, says, tmp_path, capfd):
     assert target.read_text() == text
     target.write_text("mine")
     assert cli.main(["template", farm, "--out", str(target)]) == 2
-    assert "exists already: choose another name" in capfd.readouterr().err
+    assert "exists already. Choose another name" in capfd.readouterr().err
     assert target.read_text() == "mine" and list(target.parent.iterdir()) == [target]
 
 

@@ -89,30 +89,30 @@ def second():
     bpy.ops.wm.open_mainfile(filepath=str(scene_file))
     yield 0.5
     bpy.data.objects["Cube"].location.y = 0.25
-    told = {"first": [], "longest": 0.0}
+    result = {"first": [], "longest": 0.0}
     begin = last = time.monotonic()
     press(bpy.ops.holopath.render_animation)
     work = module("background").current
-    told["twice"] = bpy.ops.holopath.render_animation.poll()
+    result["twice"] = bpy.ops.holopath.render_animation.poll()
     while not work.ended:
         now = time.monotonic()
-        told["longest"], last = max(told["longest"], now - last), now
-        told["first"].append(work.finished)
+        result["longest"], last = max(result["longest"], now - last), now
+        result["first"].append(work.finished)
         yield 0.02
-    told["seconds"] = last - begin
-    told["ended"] = [work.error, work.finished, work.canceled]
+    result["seconds"] = last - begin
+    result["ended"] = [work.error, work.finished, work.canceled]
     press(bpy.ops.holopath.render_animation)
     work = module("background").current
     while not work.ended:
         yield 0.02
-    told["again"] = [work.error, work.finished, work.message]
+    result["again"] = [work.error, work.finished, work.message]
     press(bpy.ops.holopath.render_animation)
     work = module("background").current
     press(bpy.ops.holopath.cancel_animation)
     while not work.ended:
         yield 0.02
-    told["canceled"] = [work.error, work.canceled]
-    write("RESULT.json", **told)
+    result["canceled"] = [work.error, work.canceled]
+    write("RESULT.json", **result)
     bpy.ops.wm.quit_blender()
 
 

@@ -122,7 +122,7 @@ def added(tree, name):
 
 
 def lacking(census, found):
-    """What the census does not have of what a Blender has, as ``Type.name``."""
+    """Properties of a Blender that the census lacks, as ``Type.name``."""
     return [
         f"{kind}.{name}"
         for kind, names in found.items()
@@ -132,7 +132,7 @@ def lacking(census, found):
 
 
 def doubled(census, found):
-    """What the census has more than once."""
+    """Entries that the census has more than once."""
     wrong = []
     for kind, names in found.items():
         of_kind = [s for s in census.sections() if any(name.matches(kind) for name in s.types)]
@@ -179,8 +179,8 @@ def counts(census, of_types, of_nodes):
             for kind, names in found.items()
             for name in names
         )
-        told = ", ".join(f"{what} {status} {count}" for (what, status), count in sorted(rows.items()))
-        lines.append(f"{title}: {len(found)} types, {sum(rows.values())} names: {told}")
+        summary = ", ".join(f"{what} {status} {count}" for (what, status), count in sorted(rows.items()))
+        lines.append(f"{title}: {len(found)} types, {sum(rows.values())} names: {summary}")
     return lines
 
 

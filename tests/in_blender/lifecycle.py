@@ -62,7 +62,7 @@ def press(operator, **settings):
 
 
 def rendering(tasks, cancel=False):
-    """Render once, to its end or cancelled when the scene is read, as a generator."""
+    """Render once, to its end or canceled when the scene is read, as a generator."""
     session, before = sys.modules[NAME + ".operators.session"], len(tasks)
     press(bpy.ops.holopath.render_hologram)
     job = session.current.job
@@ -89,7 +89,7 @@ def watch(session):
 
 
 def steps():
-    """What users do; every `yield` gives Blender time to work and redraw."""
+    """Steps of a user; every `yield` gives Blender time to work and redraw."""
     yield
     result["enabled"] = traces()
     prepare()

@@ -72,7 +72,7 @@ def at_work():
 
 
 def over():
-    """Until what is at work has ended, and its operator too."""
+    """Wait until the running work and its operator have ended."""
     yield from until(lambda: module("operators.session").current.job is None, "still at work")
     yield 0.1
 
@@ -123,9 +123,9 @@ def watch_all():
     there |= {watch(cls, "draw_header_preset") for cls in panels.CLASSES if "draw_header_preset" in vars(cls)}
 
     rows = bpy.types.HOLOPATH_UL_focus
-    draw_item, wanted, add_menu = rows.draw_item, overlay._wanted, menus._add_menu
+    draw_item, visible_outlines, add_menu = rows.draw_item, overlay._visible_outlines, menus._add_menu
     bench = module("ui.bench_overlay")
-    wanted_bench = bench.wanted
+    visible_hologram = bench.visible_hologram
 
     def watched_item(self, context, layout, data, item, icon, active_data, active_property, index):
         with noted(rows.__name__):
@@ -133,7 +133,7 @@ def watch_all():
 
     def watched_overlay(context):
         with noted("overlay"):
-            return wanted(context)
+            return visible_outlines(context)
 
     def watched_menu(self, context):
         with noted("VIEW3D_MT_add"):
@@ -141,9 +141,13 @@ def watch_all():
 
     def watched_bench(context):
         with noted("sketch"):
-            return wanted_bench(context)
+            return visible_hologram(context)
 
-    rows.draw_item, overlay._wanted, bench.wanted = watched_item, watched_overlay, watched_bench
+    rows.draw_item, overlay._visible_outlines, bench.visible_hologram = (
+        watched_item,
+        watched_overlay,
+        watched_bench,
+    )
     menus.remove_from_menus()
     menus._add_menu = watched_menu
     menus.add_to_menus()
@@ -184,7 +188,7 @@ def redraw():
 
 
 def all_drawn(state, popups=True):
-    """Until everything was drawn since now, in the window and, one after the other, over it."""
+    """Wait until everything was drawn since now, in the window and, one after the other, over it."""
     drawn.clear()
     redraw()
     end = time.monotonic() + PATIENCE
@@ -224,8 +228,8 @@ class Gate:
         progress = job._progress
 
         def held(self, done, message):
-            if self.cancelling:
-                gate._hold("cancelling")
+            if self.canceling:
+                gate._hold("canceling")
             progress(self, done, message)
             if self is module("operators.session").current.job:
                 gate.reports.append(done)
@@ -286,11 +290,11 @@ def watching():
             buttons = [values[0] for name, values, _ in calls if name == "operator"]
             rows.append([time.monotonic() - pressed, progress, buttons])
 
-    def told(self, text):
+    def record_status(self, text):
         status.append([time.monotonic() - pressed, text])
         tell(self, text)
 
-    panel.section, space.status_text_set = staticmethod(heard), told
+    panel.section, space.status_text_set = staticmethod(heard), record_status
     gate.reports.clear()
     press(bpy.ops.holopath.render_hologram)
     while not rows:
@@ -354,7 +358,9 @@ def unavailable():
     """The preferences choose a graphics card where there is none."""
     preferences = bpy.context.preferences.addons[ADDON].preferences
     preferences.backend = "cuda_ad_rgb"
-    assert module("blender.preferences").missing(), "this machine has a graphics card: name none to this test"
+    assert module("blender.preferences").backend_problem(), (
+        "this machine has a graphics card: name none to this test"
+    )
     yield from all_drawn("Mitsuba unavailable")
     preferences.backend = "AUTO"
 
@@ -362,7 +368,11 @@ def unavailable():
 def drafting(scene):
     """A draft first, however little it saves: it can be refocused, stays after Esc, and gives way to the hologram."""
     pipeline, session = module("workflow.pipeline"), module("operators.session")
-    usual, pipeline.SOON, pipeline.SEVERAL = (pipeline.SOON, pipeline.SEVERAL), 0.0, 0.0
+    usual, pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = (
+        (pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO),
+        0.0,
+        0.0,
+    )
     gate.close("Draft")
     press(bpy.ops.holopath.render_hologram)
     yield from gate.reached()
@@ -375,20 +385,20 @@ def drafting(scene):
     assert at_work()
     draft, before = session.current.field, picture()
     scene.holopath.focus = 2.0
-    yield from until(lambda: not session.refocusing(), "the draft is not refocused")
+    yield from until(lambda: not session.is_refocusing(), "the draft is not refocused")
     assert picture() != before
     key("ESC")
-    yield from until(lambda: session.current.job.cancelling, "Esc does nothing")
+    yield from until(lambda: session.current.job.canceling, "Esc does nothing")
     gate.open()
     yield from over()
     assert session.current.field is draft and session.current.draft and not session.current.error
-    yield from until(lambda: not session.refocusing(), "its picture does not come back")
+    yield from until(lambda: not session.is_refocusing(), "its picture does not come back")
     yield from all_drawn("the draft stays")
     press(bpy.ops.holopath.render_hologram)
     yield from over()
     assert session.current.field is not draft and not session.current.draft
     assert scene.holopath.focus == 2.0
-    pipeline.SOON, pipeline.SEVERAL = usual
+    pipeline.MIN_PREVIEW_SECONDS, pipeline.MIN_DRAFT_RATIO = usual
 
 
 def picture():
@@ -405,7 +415,7 @@ def no_camera(scene):
 
 
 def estimating(scene):
-    """With something to note, and by a method of which nothing is foretold."""
+    """Estimate a scene with export notes, and a method without an estimate."""
     tree = bpy.data.objects["Cube"].active_material.node_tree
     tree.nodes["Principled BSDF"].inputs["Subsurface Weight"].default_value = 0.5
     for method in ("point", "auto"):
@@ -418,7 +428,7 @@ def estimating(scene):
 
 
 def rendering(scene):
-    """Held at its stages; cancelled, and once more to the end."""
+    """Held at its stages; canceled, and once more to the end."""
     scene.holopath.method = "full"
     gate.close("Building the scene")
     press(bpy.ops.holopath.render_hologram)
@@ -430,13 +440,13 @@ def rendering(scene):
     yield from all_drawn("rendering")
     assert at_work()
     press(bpy.ops.holopath.cancel)
-    gate.close("cancelling")
+    gate.close("canceling")
     yield from gate.reached()
-    yield from all_drawn("cancelling")
-    assert at_work() and module("operators.session").current.job.cancelling
+    yield from all_drawn("canceling")
+    assert at_work() and module("operators.session").current.job.canceling
     gate.open()
     yield from over()
-    yield from all_drawn("cancelled")
+    yield from all_drawn("canceled")
     press(bpy.ops.holopath.render_hologram)
     yield from over()
     assert not module("operators.session").current.error
@@ -448,9 +458,9 @@ def looking(scene):
     session, props = module("operators.session"), scene.holopath
     press(bpy.ops.holopath.sweep)
     yield from all_drawn("playing")
-    assert session.current.sweep is not None
+    assert session.current.sweep_timer is not None
     press(bpy.ops.holopath.sweep)
-    yield from until(lambda: not session.refocusing(), "it plays on")
+    yield from until(lambda: not session.is_refocusing(), "it plays on")
     props.pupil_offset_mm, props.use_pupil = (900.0, 0.0), True
     yield from until(lambda: session.current.error, "no error")
     yield from all_drawn("an error")
@@ -458,7 +468,7 @@ def looking(scene):
 
 
 def baking(scene):
-    """By its button, then by a render, which keeps no texture."""
+    """Bake by the button, then by a render, which keeps no texture."""
     session = module("operators.session")
     gate.close("Baking light in view")
     press(bpy.ops.holopath.bake, anew=True, show=True)
@@ -490,7 +500,7 @@ def encoding(scene):
 
 
 def streaming(scene):
-    """To a board behind a pty, which first does not answer and is unplugged at last; to the virtual bench."""
+    """Stream to a board behind a pty, which is silent at first and unplugged at last; then to a virtual bench."""
     devices, device = module("operators.devices"), scene.holopath.device
     board = Board(Firmware(size=(SIZE, SIZE)))
     board.mute = True
@@ -530,8 +540,8 @@ def choosing(scene):
         for prop in props.bl_rna.properties
         if prop.type in ("ENUM", "BOOLEAN") and not prop.is_readonly
     ]
-    most = max(len(values) for _, _, values in choices)
-    for step in range(most):
+    max_count = max(len(values) for _, _, values in choices)
+    for step in range(max_count):
         for props, name, values in choices:
             setattr(props, name, values[step % len(values)])
         yield from all_drawn(f"settings {step}", popups=False)

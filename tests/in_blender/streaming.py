@@ -1,4 +1,4 @@
-"""In a window of Blender: a hologram on the second monitor, whose process is killed once, while the user works on.
+"""Streaming in a window: a hologram on the second monitor, whose process is killed once, while the user works on.
 
 ``blender --python streaming.py -- RESULT``; it waits for RESULT.seen when RESULT.showing is there.
 """
@@ -18,7 +18,7 @@ SIZE = 640, 480
 
 
 def module(name):
-    """Of the add-on, whatever Blender calls its package."""
+    """A module of the add-on, whatever Blender calls its package."""
     return next(m for key, m in sys.modules.items() if key.endswith(f"holopath.{name}"))
 
 
@@ -39,7 +39,7 @@ gaps, last = [], time.monotonic()
 
 
 def tick():
-    """How long the window stands still."""
+    """Longest time for which the window stands still."""
     global last
     now = time.monotonic()
     gaps.append(now - last)
@@ -64,10 +64,10 @@ def steps():
     session.keep_phase(hologram)
     device = bpy.context.scene.holopath.device
     press(bpy.ops.holopath.find_devices)
-    found = module("blender.device_properties").found
+    found = module("blender.device_properties").found_devices
     yield from until(lambda: "monitors" in found, 20, "no devices found")
     result["monitors"] = found.pop("monitors")
-    module("operators.streaming").SHOWN = 0.5
+    module("operators.streaming").NUMBER_SECONDS = 0.5
     press(bpy.ops.holopath.identify_monitors)
     yield from until(lambda: "monitors" in found, 20, "no numbers are shown")
     result["identified"] = found["monitors"]

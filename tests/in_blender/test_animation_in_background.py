@@ -25,10 +25,12 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
     status, output = blender("--python-exit-code", "3", "--python", SCRIPT, "--", tmp_path)
     killed = tmp_path / "killed.json"
     assert status != 0 and killed.exists(), (output, list(tmp_path.glob("RESULT.json")))
-    told = json.loads(killed.read_text("utf-8"))
-    assert told["before"] == told["after"] == [True, str(tmp_path / "scene.blend")], "the file is as it was"
+    result = json.loads(killed.read_text("utf-8"))
+    assert result["before"] == result["after"] == [True, str(tmp_path / "scene.blend")], (
+        "the file is as it was"
+    )
     end = time.monotonic() + NEVER
-    while processes.start_time(told["pid"]):
+    while processes.start_time(result["pid"]):
         assert time.monotonic() < end, "a hidden process goes on"
         time.sleep(0.1)
     before = fields(out)
@@ -36,12 +38,12 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
     assert sorted(file.name for file in out.iterdir()) == [*sorted(before), "job.json", "light"]
 
     status, output = blender("--python-exit-code", "3", "--python", SCRIPT, "--", tmp_path)
-    told = json.loads((tmp_path / "RESULT.json").read_text("utf-8"))
-    assert "error" not in told and status == 0, (told, output)
+    result = json.loads((tmp_path / "RESULT.json").read_text("utf-8"))
+    assert "error" not in result and status == 0, (result, output)
     after = fields(out)
     assert sorted(after) == ALL and before.items() <= after.items()
-    assert told["first"] == sorted(told["first"]) and told["ended"] == ["", 4, False]
-    assert told["twice"] is False and told["longest"] < told["seconds"] / 2, "the window waits"
-    assert told["again"][:2] == ["", 4] and "0 frames in" in told["again"][2]
-    assert told["canceled"] == ["", True]
+    assert result["first"] == sorted(result["first"]) and result["ended"] == ["", 4, False]
+    assert result["twice"] is False and result["longest"] < result["seconds"] / 2, "the window waits"
+    assert result["again"][:2] == ["", 4] and "0 frames in" in result["again"][2]
+    assert result["canceled"] == ["", True]
     assert sorted(file.name for file in out.iterdir()) == [*ALL, "job.json", "light"]

@@ -28,7 +28,7 @@ def save_room(blender, path, more=""):
 
 
 def test_the_tasks_of_a_job(blender, tmp_path):
-    """As Flamenco's worker starts them; all frames take the light that was baked before them."""
+    """Tasks run as Flamenco's worker starts them; all frames use the light that was baked before them."""
     save_room(blender, tmp_path / "my scene.blend")
     settings = {
         "frames": "1-3",

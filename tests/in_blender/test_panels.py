@@ -20,8 +20,8 @@ STATES = [
     "estimated, point",
     "estimated, auto",
     "rendering",
-    "cancelling",
-    "cancelled",
+    "canceling",
+    "canceled",
     "rendered again",
     "playing",
     "an error",
@@ -45,7 +45,7 @@ pytestmark = [pytest.mark.blender, pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def walk(blender, tmp_path_factory):
-    """What the script has found, and all that Blender has printed."""
+    """Results of the script, and all output of Blender."""
     target = tmp_path_factory.mktemp("panels") / "result.json"
     size = "--window-geometry", 0, 0, 1600, 1000
     words = ["--enable-event-simulate", "--python-exit-code", "3", *size, "--python", SCRIPT, "--", target]
@@ -77,11 +77,11 @@ def test_progress_of_a_whole_render(walk):
     for shares in (factors, result["reports"]):
         assert shares == sorted(shares) and shares[0] == 0
     assert result["reports"][-1] == 1
-    told = [text for _, text in status if text is not None]
+    messages = [text for _, text in status if text is not None]
     assert status[-1][1] is None
     for texts, form in (
         ([progress["text"] for _, (progress,), _ in rows], r"(?:(\d+)% )?\w.*"),
-        (told, r"HoloPath: (?:(\d+)% )?\w.* \(Esc cancels\)"),
+        (messages, r"HoloPath: (?:(\d+)% )?\w.* \(Esc cancels\)"),
     ):
         shares = [int(re.fullmatch(form, text)[1] or 0) for text in texts]
         assert shares == sorted(shares)

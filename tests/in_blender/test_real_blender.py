@@ -92,7 +92,7 @@ def difference(folder, other):
 
 @pytest.mark.parametrize("texture", ["ShaderNodeTexImage", "ShaderNodeTexNoise"])
 def test_the_same_field_without_a_window(blender, tmp_path, texture):
-    """From --background, --command and the button; and from the bpy module, but for what is baked.
+    """Fields of --background, --command and the button are the same; also of the bpy module, except baked textures.
 
     There the atlas differs: its charts come from another build of xatlas, or from none.
     """
@@ -159,7 +159,7 @@ def test_renders_in_the_background(blender, tmp_path):
 
 
 def test_window(blender, tmp_path):
-    """What users do in the window, see window.py; the field is what the command line makes of the same file."""
+    """Steps of a user in the window, see window.py; the field is that of the command line for the same file."""
     target = tmp_path / "result.json"
     status, output = blender(
         "--enable-event-simulate", "--python-exit-code", "3", "--python", WINDOW, "--", target
@@ -169,14 +169,14 @@ def test_window(blender, tmp_path):
     print(json.dumps(result, indent=1))
     assert "error" not in result, f"{result}\n{output}"
     assert status == 0, output
-    steps = "rendered refocused encoded cancelled undone deleted not opened reopened dragged f12 alive"
+    steps = "rendered refocused encoded canceled undone deleted not opened reopened dragged f12 alive"
     assert " ".join(result["steps"]) == steps
     assert result["pressed"] == ["RUNNING_MODAL"] and result["twice"] is False
     assert result["size"] == [256, 256] and result["middle"] > 5 * result["corners"]
     # A window that waited for the work would stand still in one gap, as long as all of it.
     again = result["gaps_again"]
     assert again["longest"][0][0] < again["seconds"] / 2 and again["count"] > 3
-    assert result["refocus"] < SOON and result["cancelled"] < SOON
+    assert result["refocus"] < SOON and result["canceled"] < SOON
     assert result["played"] > 2 and result["stopped"] is True
     assert result["phases"] == [4, True, True]
     assert result["kept"] is True
@@ -200,7 +200,7 @@ def test_window(blender, tmp_path):
 
 
 def test_life_cycle(blender, tmp_path):
-    """Rendering, cancelling, disabling, reloading and uninstalling leave nothing behind."""
+    """Rendering, canceling, disabling, reloading and uninstalling leave nothing behind."""
     target, own = tmp_path / "result.json", tmp_path / "user"
     shutil.copytree(blender.folder, own, symlinks=True)
     status, output = Blender(own, [BLENDER])("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)

@@ -1,4 +1,4 @@
-"""From a repository on a web server: a fresh Blender installs, updates, and takes the extension away again."""
+"""A repository on a web server: a fresh Blender installs, updates and removes the extension."""
 
 import functools
 import http.server

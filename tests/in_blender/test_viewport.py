@@ -24,7 +24,7 @@ def test_viewport(blender, tmp_path):
     assert result["raised"] == pytest.approx([0.53, 0.27], abs=0.04)
     assert result["shifted"] == pytest.approx([0.33, 0.27], abs=0.04)
     assert result["undone"] == pytest.approx(result["cube"], abs=0.01)
-    assert result["colourful"] > 0.1
+    assert result["colorful"] > 0.1
     picture, region = result["free"]
     assert picture == region
     # only what matters is read again

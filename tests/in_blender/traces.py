@@ -1,4 +1,4 @@
-"""What is to be seen of HoloPath in a running Blender. Imported by scripts that run there, and in the bpy module."""
+"""Traces of HoloPath in a running Blender. Imported by scripts that run there, and in the bpy module."""
 
 import sys
 
@@ -41,7 +41,7 @@ def traces():
         ]
     found += [f"operator {name}" for name in dir(bpy.ops.holopath)]
     for name, module in list(sys.modules.items()):
-        if "holopath" in name and name.endswith(".operators.session"):
+        if "holopath" in name and name.endswith(".operators.session.refocusing"):
             if bpy.app.timers.is_registered(module._poll_refocus):
                 found.append("timer of refocusing")
     return sorted(set(found))

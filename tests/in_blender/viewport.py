@@ -75,7 +75,7 @@ def threads():
 
 
 def picture():
-    """What the only view shows, array [y, x, rgb], top row first, and whether anything is still to be done."""
+    """Image in the only view, shape (y, x, rgb), row 0 at the top, and whether anything is still to be done."""
     views = list(module("blender.viewport")._viewports.values())
     if len(views) != 1 or views[0]._texture is None:
         return None, True
@@ -86,7 +86,7 @@ def picture():
     return pixels[::-1, :, :3], view.unfinished or view._pixels is not None
 
 
-def seen(before=None):
+def settled_image(before=None):
     """Wait for a picture, other than the one before, of all that has changed; yields, then returns it."""
     while True:
         yield
@@ -100,22 +100,22 @@ def seen(before=None):
                 return found
 
 
-def coarse(colour):
+def coarse(color):
     """Means of 16 x 16 pixels, with little noise."""
-    rows, columns = (n // 16 * 16 for n in colour.shape[:2])
-    return colour[:rows, :columns].reshape(rows // 16, 16, columns // 16, 16, 3).mean((1, 3))
+    rows, columns = (n // 16 * 16 for n in color.shape[:2])
+    return color[:rows, :columns].reshape(rows // 16, 16, columns // 16, 16, 3).mean((1, 3))
 
 
-def cube(colour):
-    """Where the cube is: centre of what differs from the grey world, as parts of the width and the height."""
-    colour = coarse(colour)
-    there = abs(colour - colour[0, 0]).max(axis=2) > 0.02
+def cube(color):
+    """Place of the cube: center of the pixels that differ from the gray world, in fractions of width and height."""
+    color = coarse(color)
+    there = abs(color - color[0, 0]).max(axis=2) > 0.02
     rows, columns = np.nonzero(there)
     return [float(columns.mean() / there.shape[1]), float(rows.mean() / there.shape[0])]
 
 
 def text():
-    """What is told in the view."""
+    """Message in the view."""
     (view,) = module("blender.viewport")._viewports.values()
     return view._complaint or view._error
 
@@ -128,61 +128,61 @@ def steps():
     scene.render.engine = "HOLOPATH"
     call(bpy.ops.ed.undo_push, message="Engine")
     viewport = module("blender.viewport")
-    viewport.SAMPLES = 16
+    viewport.MAX_SAMPLES = 16
     read = viewport.Viewport.read
     viewport.Viewport.read = lambda self: (exports.append(time.monotonic()), read(self))
     yield
     shaded = time.monotonic()
     shade("RENDERED")
-    first = yield from seen()
+    first = yield from settled_image()
     result["first_picture"] = round(time.monotonic() - shaded, 1)
     result["cube"] = cube(first)
     reached("seen")
     bpy.data.objects["Cube"].location.z += 0.7  # up
     call(bpy.ops.ed.undo_push, message="Move")
-    result["raised"] = cube((yield from seen(first)))
+    result["raised"] = cube((yield from settled_image(first)))
     bpy.data.objects["Camera"].data.shift_x = 0.2
     count = len(exports)
-    result["shifted"] = cube((yield from seen(first)))
+    result["shifted"] = cube((yield from settled_image(first)))
     result["exports_by_camera"] = len(exports) - count
     bpy.data.objects["Camera"].data.shift_x = 0.0
     yield
-    yield from seen()
+    yield from settled_image()
     bpy.data.objects["Light"].select_set(True)
     for _ in range(3):
         yield
     result["exports_by_selection"] = len(exports) - count
     reached("moved")
     yield
-    before = yield from seen()
+    before = yield from settled_image()
     call(bpy.ops.ed.undo)
-    result["undone"] = cube((yield from seen(before)))
+    result["undone"] = cube((yield from settled_image(before)))
     reached("undone")
     # baked by Cycles, which changes Blender's data while nothing else does
     tree = bpy.data.objects["Cube"].active_material.node_tree
     noise, principled = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes["Principled BSDF"]
     tree.links.new(noise.outputs["Color"], principled.inputs["Base Color"])
     count, before = len(exports), picture()[0]
-    baked = yield from seen(before)
-    colours = baked[baked.shape[0] // 2 - 10 :, baked.shape[1] // 2 + 5 :][:20, :20]
-    result["colourful"] = float(np.ptp(colours, axis=2).mean() / colours.mean())
+    baked = yield from settled_image(before)
+    colors = baked[baked.shape[0] // 2 - 10 :, baked.shape[1] // 2 + 5 :][:20, :20]
+    result["colorful"] = float(np.ptp(colors, axis=2).mean() / colors.mean())
     for _ in range(8):
         yield
     result["exports_by_bake"] = len(exports) - count
     reached("baked")
     shade("RENDERED", "PERSP")
-    free = yield from seen(baked)
+    free = yield from settled_image(baked)
     (view,) = viewport._viewports.values()
     result["free"] = [free.shape[1::-1], [areas()[0].regions[-1].width, areas()[0].regions[-1].height]]
     call(bpy.ops.view3d.view_orbit, angle=0.5, type="ORBITLEFT")
-    yield from seen(free)
+    yield from settled_image(free)
     reached("orbited")
     shade("RENDERED", "ORTHO")
     while not text():
         yield
     result["orthographic"] = text()
     shade("RENDERED")
-    yield from seen()
+    yield from settled_image()
     props = bpy.context.scene.holopath
     props.resolution_x = props.resolution_y = 64
     props.depth_far_mm, props.depth_near_mm, props.frames, props.quality = 1.25, 1.875, 4, "preview"
@@ -191,7 +191,7 @@ def steps():
     result["together"] = session.running() and any(job.running for job in viewport._jobs)
     while session.running():
         yield
-    yield from seen()
+    yield from settled_image()
     reached("rendered")
     call(bpy.ops.ed.undo_push, message="Rendered")
     bpy.data.objects.remove(bpy.data.objects["Cube"])
@@ -206,14 +206,14 @@ def steps():
     result["exports_of_nothing"] = len(exports) - count
     reached("emptied")
     call(bpy.ops.ed.undo)
-    yield from seen()
+    yield from settled_image()
     reached("filled")
     shade("SOLID")
     for _ in range(10):
         yield
     result["threads_after_solid"], result["views_after_solid"] = len(threads()), len(viewport._viewports)
     shade("RENDERED")
-    yield from seen()
+    yield from settled_image()
     call(bpy.ops.screen.area_split, direction="VERTICAL", factor=0.5)
     yield
     result["views"] = len(areas())
@@ -223,7 +223,7 @@ def steps():
     call(bpy.ops.screen.area_close)
     while len(viewport._viewports) > 1:
         yield
-    yield from seen()
+    yield from settled_image()
     reached("closed")
     file = os.path.join(os.path.dirname(target), "shaded.blend")
     bpy.ops.wm.save_as_mainfile(filepath=file)
@@ -233,7 +233,7 @@ def steps():
     yield
     result["threads_after_loading"] = len(threads())
     shade("RENDERED")  # Blender opens files with solid views
-    yield from seen()
+    yield from settled_image()
     reached("loaded")
     bpy.data.objects["Cube"].location.x += 0.1
     yield
@@ -246,7 +246,7 @@ def steps():
     bpy.context.scene.render.engine = "HOLOPATH"
     yield
     shade("RENDERED")
-    yield from seen()
+    yield from settled_image()
     bpy.data.objects["Cube"].location.x += 0.1
     yield
     reached("alive")

@@ -43,7 +43,7 @@ watchdog.start()
 
 
 class Ticks:
-    """How regularly a timer of the window fires while HoloPath is at work, and at what when it does not."""
+    """Intervals of a window's timer while HoloPath is at work, with the activities of the long ones."""
 
     STEP = 0.01  # seconds
 
@@ -111,7 +111,7 @@ def press(operator, **settings):
 
 
 def over():
-    """Until what is at work has ended and its operator too."""
+    """Wait until the running work and its operator have ended."""
     while session().current.job is not None:
         yield 0.02
     yield 0.1
@@ -124,16 +124,16 @@ def picture():
         return None
     pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)
     image.pixels.foreach_get(pixels)
-    colour = pixels.reshape(image.size[1], image.size[0], 4)[..., :3]
-    return colour if colour.any() else None
+    color = pixels.reshape(image.size[1], image.size[0], 4)[..., :3]
+    return color if color.any() else None
 
 
-def describe(colour):
+def describe(color):
     """Size, and how bright the cube in the middle is against the corners."""
-    rows, columns = colour.shape[0] // 8, colour.shape[1] // 8
-    middle = colour[3 * rows : -3 * rows, 3 * columns : -3 * columns].mean()
-    corners = np.concatenate([colour[:rows, :columns], colour[-rows:, -columns:]]).mean()
-    return {"size": colour.shape[1::-1], "middle": float(middle), "corners": float(corners)}
+    rows, columns = color.shape[0] // 8, color.shape[1] // 8
+    middle = color[3 * rows : -3 * rows, 3 * columns : -3 * columns].mean()
+    corners = np.concatenate([color[:rows, :columns], color[-rows:, -columns:]]).mean()
+    return {"size": color.shape[1::-1], "middle": float(middle), "corners": float(corners)}
 
 
 def baked():
@@ -149,7 +149,7 @@ def steps():
     yield from rendering()
     yield from refocusing()
     yield from encoding()
-    yield from cancelling()
+    yield from canceling()
     yield from disturbing()
     yield from dragging()
     yield from f12()
@@ -192,17 +192,17 @@ def refocusing():
     result["refocus"] = time.monotonic() - begin
     far = picture()
     press(bpy.ops.holopath.sweep)
-    seen, end = set(), time.monotonic() + 600
-    while len(seen) < 4 and time.monotonic() < end:
-        seen.add(picture().tobytes())
+    images, end = set(), time.monotonic() + 600
+    while len(images) < 4 and time.monotonic() < end:
+        images.add(picture().tobytes())
         yield 0.05
     press(bpy.ops.holopath.sweep)
-    while session().refocusing():
+    while session().is_refocusing():
         yield 0.05
     still = picture()
     yield 0.5
-    result["played"] = len(seen)
-    result["stopped"] = bool(np.array_equal(still, picture())) and session().current.sweep is None
+    result["played"] = len(images)
+    result["stopped"] = bool(np.array_equal(still, picture())) and session().current.sweep_timer is None
     assert not np.array_equal(near, far)
     result["steps"].append("refocused")
 
@@ -219,7 +219,7 @@ def encoding():
     result["steps"].append("encoded")
 
 
-def cancelling():
+def canceling():
     """Esc, on a render that would take long; the last picture comes back."""
     props = bpy.context.scene.holopath
     before, field = picture(), session().current.field
@@ -232,11 +232,11 @@ def cancelling():
     window.event_simulate(type="ESC", value="PRESS", x=400, y=400)
     window.event_simulate(type="ESC", value="RELEASE", x=400, y=400)
     yield from over()
-    result["cancelled"] = time.monotonic() - begin
+    result["canceled"] = time.monotonic() - begin
     yield 1.0
     after = picture()
     result["kept"] = session().current.field is field and before.shape == after.shape
-    result["steps"].append("cancelled")
+    result["steps"].append("canceled")
     configure(bpy.context.scene)
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.blender import preferences
-from holopath_addon.cli.attended import COPY
+from holopath_addon.cli.supervised import COPY_PREFIX
 from holopath_addon.farm import processes
 from holopath_addon.operators import background
 from holopath_addon.ui import sections
@@ -57,7 +57,7 @@ def panel(scene):
 
 
 def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
-    """With phases, as the section Hologram says."""
+    """Phases are encoded by the settings of the section Hologram."""
     props, out = moving.holopath, tmp_path / "out"
     props.encoding, props.animation_encodes = "dpac", True
     assert bpy.ops.holopath.render_animation() == {"FINISHED"}
@@ -109,7 +109,7 @@ def playing(lines, then="sys.stdin.read()"):
     return work, ended
 
 
-def told(done, message):
+def report(done, message):
     return json.dumps({"done": done, "message": message})
 
 
@@ -125,10 +125,10 @@ def test_panel_while_at_work_and_canceled(moving):
         json.dumps({"say": "frame_0001: done before, skipped"}),
         "Read blend: what Blender prints, {or others}",
         "{not json",
-        told(10 / 250, "Frame 11: Exporting the scene"),
+        report(10 / 250, "Frame 11: Exporting the scene"),
         json.dumps({"say": "frame_0011: note: Fog: left out"}),
         json.dumps({"say": "frame_0012: note: Fog: left out"}),
-        told(11.5 / 250, "Frame 12: Wave tracing"),
+        report(11.5 / 250, "Frame 12: Wave tracing"),
     ]
     work, ended = playing(lines)
     until(lambda: work.message == "Wave tracing")
@@ -149,15 +149,15 @@ def test_panel_while_at_work_and_canceled(moving):
 
 def test_panel_while_the_light_is_made(moving):
     """It is no frame, and its time tells nothing of theirs."""
-    work, _ = playing([told(0.0, "Opening the scene"), told(0.0, "Light: Baking light in view")])
+    work, _ = playing([report(0.0, "Opening the scene"), report(0.0, "Light: Baking light in view")])
     until(lambda: work.lighting)
     layout = panel(moving)
     assert layout.all("progress", "text") == ["Light of 250 Frames"]
     assert "Baking light in view…" in layout.words and work.finished == 0 and work.remaining is None
-    began = work._begun[0]
-    work._hear(told(0.0, "Light: Baking light in view"))
-    assert work._begun[0] > began
-    work._hear(told(0.5 / 250, "Frame 1: Radiance"))
+    began = work._first_report[0]
+    work._read_line(report(0.0, "Light: Baking light in view"))
+    assert work._first_report[0] > began
+    work._read_line(report(0.5 / 250, "Frame 1: Radiance"))
     assert panel(moving).all("progress", "text")[0].startswith("Frame 1 of 250, ")
     bpy.ops.holopath.cancel_animation()
     assert work.wait(NEVER)
@@ -167,7 +167,7 @@ def test_panel_while_the_light_is_made(moving):
     "lines, then, words",
     [
         (["holopath: No space left."], "sys.exit(1)", "No space left."),
-        ([told(0.5, "Frame 2: Planning")], "os.kill(os.getpid(), 9)", "ended by signal 9"),
+        ([report(0.5, "Frame 2: Planning")], "os.kill(os.getpid(), 9)", "ended by signal 9"),
         ([], "sys.exit(3)", "ended with status 3"),
     ],
 )
@@ -203,21 +203,21 @@ def test_the_copy_finds_what_the_file_finds(moving, tmp_path):
     image.filepath = "//texture.png"
     (tmp_path / "blendcache_scene").mkdir()
     (tmp_path / "blendcache_scene" / "0_01.bphys").write_text("baked")
-    copy = background._copied(tmp_path / "a" / "b", file.name)
-    assert background._whole(copy)
-    assert copy.parent.name.startswith(COPY)
+    copy = background._save_copy(tmp_path / "a" / "b", file.name)
+    assert background._is_whole(copy)
+    assert copy.parent.name.startswith(COPY_PREFIX)
     assert (copy.parent / "blendcache_scene" / "0_01.bphys").read_text() == "baked"
     assert (bpy.data.filepath, image.filepath) == (str(file), "//texture.png")
     bpy.ops.wm.open_mainfile(filepath=str(copy))
     assert Path(bpy.path.abspath(bpy.data.images["Texture"].filepath)).resolve() == tmp_path / "texture.png"
     os.truncate(copy, copy.stat().st_size - 1000)
-    assert not background._whole(copy)
+    assert not background._is_whole(copy)
     background._remove(copy)
     assert not (tmp_path / "a" / "b").exists()
 
 
 def test_words(moving, monkeypatch):
-    """What is looked at and where to render it; settings are in the file."""
+    """The words name the view and the cluster; settings are in the file."""
     props, words = moving.holopath, ["render", "c.blend", "--animation", "--attended", "--out", "out"]
     assert background._words(props, "c.blend", "out") == words
     props.focus_list.add().focus = 0.5
@@ -251,12 +251,12 @@ def test_what_the_window_shows_is_rendered(moving, tmp_path):
 
 
 def test_command(addon, monkeypatch, tmp_path):
-    """Blender runs itself, even where its preferences on disk do not know the add-on; a cluster wants Python."""
+    """Blender runs itself, even if its preferences on disk do not list the add-on; a cluster needs Python."""
     command, _ = background._command(["render"], "/opt/blender")
     assert command == "/opt/blender --background --addons holopath_addon --command holopath render".split()
     words = ["render", "--cluster", "local:2"]
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(engine.InvalidInput, match="the command holopath, which is not found"):
+    with pytest.raises(engine.InvalidInput, match="needs the command holopath, which was not found"):
         background._command(words, "/opt/blender")
     program = tmp_path / "holopath"
     program.touch(0o755)
@@ -268,7 +268,7 @@ def test_command(addon, monkeypatch, tmp_path):
 
 def test_environment(addon, monkeypatch):
     """Computes as this Blender does."""
-    monkeypatch.setattr(preferences, "wanted", lambda: "llvm_ad_rgb")
+    monkeypatch.setattr(preferences, "chosen_backend", lambda: "llvm_ad_rgb")
     found = preferences.environment()
     assert found["HOLOPATH_BACKEND"] == "llvm_ad_rgb" and found["DRJIT_CACHE_DIR"]
     assert found["HOLOPATH_CACHE"] == str(preferences.store().folder)
@@ -280,8 +280,8 @@ def test_environment(addon, monkeypatch):
 
 @pytest.mark.parametrize("killed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_ends_with_its_input(tmp_path, killed):
-    """Where the other end is closed, or whoever held it is killed; the copy of the scene goes, whole frames stay."""
-    copy, out = tmp_path / f"{COPY}x" / "scene.blend", tmp_path / "out"
+    """The process ends when its input is closed or its parent killed; the copy of the scene goes, whole frames stay."""
+    copy, out = tmp_path / f"{COPY_PREFIX}x" / "scene.blend", tmp_path / "out"
     copy.parent.mkdir()
     bpy.ops.wm.read_factory_settings()
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True)
@@ -302,12 +302,14 @@ def test_ends_with_its_input(tmp_path, killed):
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         lines = process.stdout
         pid = int(lines.readline())
-    next(line for line in lines if re.search(r"Frame (?!1:)\d+: ", line))  # those that are quick are not told
+    next(
+        line for line in lines if re.search(r"Frame (?!1:)\d+: ", line)
+    )  # those that are quick are not reported
     if killed:
         process.kill()
     else:
         process.stdin.close()
-        assert "holopath: Cancelled: the frames that are done are in" in lines.read()
+        assert "holopath: Canceled: finished frames are in" in lines.read()
     process.wait(NEVER)
     until(lambda: not processes.start_time(pid))
     assert not copy.parent.exists()

@@ -8,7 +8,7 @@ from holopath_addon.blender import demo, properties
 
 
 def shapes(scene):
-    """What is where in a scene, without names."""
+    """Places and data of a scene's objects, without names."""
     things = [
         (
             thing.type,

@@ -12,8 +12,8 @@ from holopath_addon.operators import focus_list
 def test_add_remove_sort(scene):
     props = scene.holopath
     assert not bpy.ops.holopath.focus_list_remove.poll() and not bpy.ops.holopath.focus_list_sort.poll()
-    for metres in (2.0, math.inf, 0.5, 2.0):
-        properties.set_focus(props, metres)
+    for meters in (2.0, math.inf, 0.5, 2.0):
+        properties.set_focus(props, meters)
         assert bpy.ops.holopath.focus_list_add() == {"FINISHED"}
     assert properties.focus_list_of(props) == [2.0, math.inf, 0.5] and len(props.focus_list) == 3
     props.focus_index = 0
@@ -45,8 +45,8 @@ def test_from_selected(scene):
 def test_buttons_leave_the_focus_alone(scene):
     """Only a click on a row looks there."""
     props = scene.holopath
-    for metres in (0.5, 1.0, 3.0):
-        focus_list.add(props, metres)
+    for meters in (0.5, 1.0, 3.0):
+        focus_list.add(props, meters)
     props.focus = 0.5
     props.focus_auto = True
     for press in (

@@ -13,17 +13,17 @@ from tests.patience import NEVER
 
 def serve_until_over(job):
     while job.running:
-        job.serve()
+        job.answer_query()
         time.sleep(0.01)
 
 
 def test_a_question_is_answered_by_whoever_serves():
-    job = Job(lambda progress: (threading.current_thread(), job.ask(threading.current_thread)))
+    job = Job(lambda progress: (threading.current_thread(), job.query(threading.current_thread)))
     job.start()
     serve_until_over(job)
     worker, server = job.result
     assert server is threading.main_thread() and worker is not server
-    job = Job(lambda progress: job.ask(threading.current_thread))  # without a thread of its own
+    job = Job(lambda progress: job.query(threading.current_thread))  # without a thread of its own
     job.run()
     assert job.result is threading.main_thread()
 
@@ -32,14 +32,14 @@ def test_an_error_in_the_answer_is_the_works():
     def refuse():
         raise engine.InvalidInput("No.")
 
-    job = Job(lambda progress: job.ask(refuse))
+    job = Job(lambda progress: job.query(refuse))
     job.start()
     serve_until_over(job)
     assert isinstance(job.error, engine.InvalidInput)
 
 
-def test_nobody_need_answer_a_cancelled_job():
-    job = Job(lambda progress: job.ask(lambda: None))
+def test_nobody_need_answer_a_canceled_job():
+    job = Job(lambda progress: job.query(lambda: None))
     job.start()
     job.cancel()
     assert job.wait(NEVER) and isinstance(job.error, engine.Cancelled)
@@ -47,14 +47,14 @@ def test_nobody_need_answer_a_cancelled_job():
 
 def test_pictures_are_taken_once():
     job = Job(lambda progress: None)
-    assert job.take() is None
+    assert job.take_offer() is None
     job.offer("first")
     job.offer("second")
-    assert job.take() == "second" and job.take() is None
+    assert job.take_offer() == "second" and job.take_offer() is None
 
 
 def test_compiling_is_told_while_it_happens(backend):
-    """From a report that follows a program that was nowhere, to one that follows none; not of those on disk."""
+    """The job says so between reports while a program is compiled; not for programs on disk."""
     import drjit as dr
     import mitsuba as mi
 
@@ -63,18 +63,18 @@ def test_compiling_is_told_while_it_happens(backend):
     def compute():
         dr.eval(dr.arange(mi.Float, 5) * dr.cos(mi.Float(new) + dr.arange(mi.Float, 5) ** 3) + new)
 
-    told = []
+    states = []
 
     def work(progress):
         for done, message in ((0.0, "Starting"), (0.1, "First"), (0.2, "Second")):
             progress(done, message)
-            told.append((job.compiling, session.progress_text(job)))
+            states.append((job.compiling, session.progress_text(job)))
             compute()
 
     job = Job(work)
     job.run()
     assert job.error is None
-    assert told == [(False, "Starting…"), (True, "10% Compiling"), (False, "20% Second")]
+    assert states == [(False, "Starting…"), (True, "10% Compiling"), (False, "20% Second")]
     job.cancel()
     assert session.progress_text(job) == "Canceling…"
 
@@ -89,3 +89,31 @@ def test_time_left(monkeypatch):
     assert job.remaining == pytest.approx(6)
     job.done = 0.01
     assert job.remaining is None
+
+
+def test_work_for_the_main_thread(monkeypatch):
+    """Work runs at once on it; from another thread, if nobody answers, there after a while. Errors come through."""
+    import threading
+
+    from holopath_addon.operators import jobs
+
+    monkeypatch.setattr(jobs, "MAIN_THREAD_TIMEOUT", 0.05)
+    assert jobs.run_on_main_thread(threading.current_thread) is threading.main_thread()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(jobs.run_on_main_thread(threading.current_thread)))
+    thread.start()
+    thread.join(NEVER)
+    assert found == [thread]
+
+    def fail():
+        found.append(None)
+        raise ValueError("no")
+
+    def expect():
+        with pytest.raises(ValueError, match="no"):
+            jobs.run_on_main_thread(fail)
+
+    thread = threading.Thread(target=expect)
+    thread.start()
+    thread.join(NEVER)
+    assert found[1:] == [None]

@@ -1,4 +1,4 @@
-"""What cameras took, in Blender: a picture with depth, and views."""
+"""Captures in Blender: a picture with depth, and views."""
 
 import bpy
 import numpy as np
@@ -35,7 +35,7 @@ def add(files, **options):
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_the_scenes_camera_sees_the_picture(scene, files, scale):
-    """What is exported of it again is the picture, at its depths, wherever the camera stands."""
+    """The exported mesh is the picture at its depths, wherever the camera stands."""
     from holopath_addon.engine.viewing.depth import depth_map
     from holopath_addon.engine.viewing.preview import Preview
     from holopath_addon.export import export_scene
@@ -48,8 +48,8 @@ def test_the_scenes_camera_sees_the_picture(scene, files, scale):
     added = bpy.context.view_layer.objects.active
     assert added.name == "photo" and added.select_get()
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (SIDE, SIDE))
-    seen = depth_map(exported.scene, exported.camera, SIDE, SIDE)
-    np.testing.assert_allclose(seen, files[3], rtol=1e-3)
+    depths = depth_map(exported.scene, exported.camera, SIDE, SIDE)
+    np.testing.assert_allclose(depths, files[3], rtol=1e-3)
     shown = Preview(exported.scene, exported.camera, SIDE, SIDE).refine(4, lambda *_: None)
     np.testing.assert_allclose(shown, files[2], rtol=2e-3)
 
@@ -107,13 +107,13 @@ def views(scene, tmp_path):
 
 
 def test_views_become_a_hologram(scene, views):
-    """That of the same views in Python, whatever is in the scene; it is shown, and can be encoded."""
+    """The field is that of the same views in Python, whatever is in the scene; it is shown, and can be encoded."""
     path, array = views
     kept = {"right": 0.02, "down": 0.01, "focus": 0.8, "fov": 30.0}
     assert bpy.ops.holopath.render_views(filepath=path, **kept) == {"FINISHED"}
     field, task = session.current.field, session.current.task
     assert field.data.shape == (1, 1, 24, 32) and session.IMAGE in bpy.data.images
-    assert task.request.settings.method == "light-field" and session.current.rendered == scene.name
+    assert task.request.settings.method == "light-field" and session.current.field_scene == scene.name
     built, camera = engine.view_scene(array, (0.02, 0.01), 0.8, np.radians(30))
     expected = engine.render(built, camera, field.hologram, task.request.settings)
     np.testing.assert_allclose(field.data, expected.data, atol=1e-5 * abs(expected.data).max())
@@ -153,7 +153,7 @@ def test_what_the_file_browser_shows_of_views(scene):
 def test_views_after_the_file_browser(views):
     """Blender ends the operator that asked for the file: another one renders, with all that was said."""
 
-    class Asked:
+    class RecordingLayout:
         _browsing = True
         poll = staticmethod(lambda context: True)
 
@@ -162,4 +162,4 @@ def test_views_after_the_file_browser(views):
 
     assert hasattr(bpy.types.Operator, "as_keywords")
     with pytest.raises(RuntimeError, match="give Panel"):
-        HOLOPATH_OT_render_views.execute(Asked(), bpy.context)
+        HOLOPATH_OT_render_views.execute(RecordingLayout(), bpy.context)

@@ -63,9 +63,9 @@ def test_virtual_bench(device, phase):
         device.plane = plane
         assert bpy.ops.holopath.capture() == {"FINISHED"}
         field = phase.field(engine.Modulator(bits=8))
-        seen = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
+        expected = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
         np.testing.assert_allclose(
-            image(), session.picture(seen, phase.hologram.wavelengths)[::-1], atol=1e-5
+            image(), session.to_rgba(expected, phase.hologram.wavelengths)[::-1], atol=1e-5
         )
         pictures.append(image())
     assert abs(pictures[0] - pictures[1]).max() > 0.2 * pictures[0][..., :3].max()
@@ -151,9 +151,9 @@ def test_board(device, phase, tmp_path):
             bpy.ops.holopath.capture()
         assert devices.CAMERA not in bpy.data.images
         for level in (50, 200):
-            grey = output.encode_png(np.full((4, 6, 3), level, np.float32), 255.0)
-            (tmp_path / "grey.png").write_bytes(grey)
-            device.camera = write % f"open(r'{tmp_path / 'grey.png'}', 'rb').read()"
+            gray = output.encode_png(np.full((4, 6, 3), level, np.float32), 255.0)
+            (tmp_path / "gray.png").write_bytes(gray)
+            device.camera = write % f"open(r'{tmp_path / 'gray.png'}', 'rb').read()"
             assert bpy.ops.holopath.capture() == {"FINISHED"}
             assert image().shape == (4, 6, 4) and len(bpy.data.images) == images + 1
         device.camera = "no-such-camera {file}"

@@ -262,7 +262,7 @@ def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--out", "my.txt"], "is a .json file"),
+        (["--out", "my.txt"], "Expected a .json file for the calibration"),
         (["--window", "4"], "16 to 512"),
         (["--captures", "10"], "ten captures at each"),
         (["--distances", "0.5"], "two or more foci"),
@@ -283,7 +283,7 @@ def test_a_device_that_turns_its_pictures_is_refused(tmp_path, capsys):
     slm.Calibration(flip_x=True).save(tmp_path / "my.json")
     before = (tmp_path / "my.json").read_bytes()
     assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 2
-    assert "name another file" in capsys.readouterr().err
+    assert "Name another file" in capsys.readouterr().err
     assert (tmp_path / "my.json").read_bytes() == before
 
 

@@ -431,7 +431,7 @@ def test_damaged_file(board, tmp_path, capfd):
 
 def test_no_file_named(board, capfd):
     for words in (["--plane", "0"], ["--distance", "80"], ["--store", "0"]):
-        said_in_one_line(capfd, command(board, *words), "give their file with --focus-planes")
+        said_in_one_line(capfd, command(board, *words), "Give their file with --focus-planes")
 
 
 def test_missing_port(tmp_path, capfd, monkeypatch):

@@ -45,6 +45,6 @@ def test_on_each_monitor_its_own(two_monitors, capsys):
 
 def test_what_is_refused(two_monitors, capsys, monkeypatch):
     assert cli.main(["devices", "--identify", "0"]) == 2
-    assert "for a time of up to an hour" in capsys.readouterr().err
+    assert "Expected a time of up to an hour" in capsys.readouterr().err
     monkeypatch.delenv("DISPLAY")
     assert cli.main(["devices", "--identify"]) == 2

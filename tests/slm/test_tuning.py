@@ -202,7 +202,7 @@ def test_command(bench, tmp_path, monkeypatch, capsys):
     assert "The camera is missing" in capsys.readouterr().err
     before = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
     assert cli.main([*words, "--driver", "virtual", "--seed", "4", "--rounds", "1"]) == 0
-    assert "Done: the camera saw" in capsys.readouterr().err
+    assert "Done: PSNR of captures" in capsys.readouterr().err
     after = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
     assert len(after.report["tuned"][0]["psnr_db"]) == 2 and not np.array_equal(before.data, after.data)
 

@@ -21,7 +21,7 @@ class Context:
 
 
 class Layout:
-    """What is drawn into.
+    """Layout that records what is drawn into it.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Layout:
             cls.draw_item(None, self._context, self, given["dataptr"], item, 0, active, index, number)
 
     def all(self, function, argument):
-        """That argument of every call of a function that has it."""
+        """Values of an argument in all calls of a function that have it."""
         return [given[argument] for name, given in self.drawn if name == function and argument in given]
 
     @property
@@ -80,7 +80,7 @@ class Layout:
 
 
 class _Settings:
-    """Those of an operator, which whoever draws its button may set."""
+    """Properties of an operator, which the code that draws its button may set."""
 
     def __init__(self, kind):
         self.__dict__["_kind"] = kind

@@ -63,8 +63,8 @@ def hologram(scene):
 @state
 def overlay(scene):
     as_a_demo(scene)
-    for metres in (0.5, 1.0, 4.0):
-        scene.holopath.focus = metres
+    for meters in (0.5, 1.0, 4.0):
+        scene.holopath.focus = meters
         bpy.ops.holopath.focus_list_add()
     bpy.ops.holopath.plan()
     scene.holopath.focus, scene.holopath.use_pupil = 0.5, True
@@ -108,7 +108,7 @@ def device(scene):
 
 
 def as_a_demo(scene):
-    """What Add > HoloPath Demo sets."""
+    """Settings of Add > HoloPath Demo."""
     scene.render.engine = "HOLOPATH"
     scene.render.resolution_x = scene.render.resolution_y = scene.holopath.resolution_x
 
@@ -163,7 +163,7 @@ def test_panels_are_those_of_the_picture(addon):
 
 
 def test_another_label_is_found(small, monkeypatch):
-    """What the test above would say of a label that has changed."""
+    """The test above fails for a changed label."""
     monkeypatch.setattr(
         bpy.types.HOLOPATH_PT_view3d_render,
         "section",

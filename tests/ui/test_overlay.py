@@ -1,4 +1,4 @@
-"""Where the overlay draws, against Blender's own projection; the drawing itself needs a window."""
+"""Places of the overlay, against Blender's own projection; the drawing itself needs a window."""
 
 import math
 from types import SimpleNamespace
@@ -19,15 +19,15 @@ from holopath_addon.ui import overlay
 
 @pytest.fixture
 def turned(scene):
-    """A camera with everything that moves its frame, in a scene whose unit is a centimetre."""
+    """A camera with everything that moves its frame, in a scene whose unit is a centimeter."""
     data, props = scene.camera.data, scene.holopath
     data.sensor_width, data.sensor_height, data.lens = 30, 20, 40
     data.shift_x, data.shift_y, data.clip_end = 0.13, -0.21, 5000
     scene.camera.location, scene.camera.rotation_euler = (1, -2, 3), (0.7, 0.2, 0.4)
     scene.unit_settings.scale_length = 0.01
     props.near_auto, props.near = False, 0.4
-    for metres in (0.5, 2.0, math.inf):
-        properties.set_focus(props.focus_list.add(), metres)
+    for meters in (0.5, 2.0, math.inf):
+        properties.set_focus(props.focus_list.add(), meters)
     properties.set_focus(props, 2.0)
     return scene
 
@@ -50,12 +50,12 @@ def test_frames_fill_the_view(turned, fit, size):
         "∞ (0 D)": 5000,  # the camera's end
         "Near End 0.4 m (2.5 D)": 40,
     }.items():
-        seen = [
+        corners = [
             world_to_camera_view(turned, turned.camera, Vector(corner)) for corner in found[label].corners
         ]
         expected = [(0, 1, depth), (0, 0, depth), (1, 0, depth), (1, 1, depth)]
-        np.testing.assert_allclose(seen, expected, rtol=1e-4, atol=1e-4)
-    assert found["2 m (0.5 D)"].colour == overlay._FOCUS != found["0.5 m (2 D)"].colour
+        np.testing.assert_allclose(corners, expected, rtol=1e-4, atol=1e-4)
+    assert found["2 m (0.5 D)"].color == overlay._FOCUS != found["0.5 m (2 D)"].color
 
 
 def test_pupil_is_where_the_engine_has_it(turned):
@@ -68,16 +68,16 @@ def test_pupil_is_where_the_engine_has_it(turned):
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     assert found[0].label == f"Pupil {2e3 * radii[2]:.3g} to {2e3 * radii[0]:.3g} mm"
     to_camera = camera.matrix_world.inverted()
-    for outline, radius, centre in zip(found, [*radii, 1e-3], [(0, 0)] * 3 + [(3e-3, -1e-3)], strict=True):
+    for outline, radius, center in zip(found, [*radii, 1e-3], [(0, 0)] * 3 + [(3e-3, -1e-3)], strict=True):
         local = np.array([to_camera @ Vector(corner) for corner in outline.corners]) * 0.01
-        np.testing.assert_allclose(np.hypot(*(local[:, :2] - centre).T), radius, rtol=1e-3)
+        np.testing.assert_allclose(np.hypot(*(local[:, :2] - center).T), radius, rtol=1e-3)
         np.testing.assert_allclose(local[:, 2], 0, atol=1e-6)
 
 
 def test_near_end_of_the_last_plan(turned):
     turned.holopath.near_auto = True
     assert len(overlay.outlines(turned)) == 3  # the distances: the rest is not known yet
-    session.current.plan, session.current.scene = SimpleNamespace(near=0.25), turned.name
+    session.current.plan, session.current.plan_scene = SimpleNamespace(near=0.25), turned.name
     assert "Near End 0.25 m (4 D)" in by_label(turned)
     turned.holopath.depth_mapping = "eyepiece"
     session.current.plan = None
@@ -96,18 +96,18 @@ def test_nothing_to_draw(turned, monkeypatch):
         area=SimpleNamespace(regions=[tab]),
         region_data=SimpleNamespace(view_perspective="PERSP"),
     )
-    assert len(overlay._wanted(context)) == 7
+    assert len(overlay._visible_outlines(context)) == 7
     context.region_data.view_perspective = "CAMERA"
-    assert len(overlay._wanted(context)) == 4  # the pupil lies in the eye
+    assert len(overlay._visible_outlines(context)) == 4  # the pupil lies in the eye
     tab.active_panel_category = "View"
-    assert overlay._wanted(context) == []
+    assert overlay._visible_outlines(context) == []
     turned.render.engine = "HOLOPATH"
-    assert len(overlay._wanted(context)) == 4
+    assert len(overlay._visible_outlines(context)) == 4
     space.overlay.show_overlays = False
-    assert overlay._wanted(context) == []
+    assert overlay._visible_outlines(context) == []
     space.overlay.show_overlays = True
     turned.holopath.show_overlay = False
-    assert overlay._wanted(context) == []
+    assert overlay._visible_outlines(context) == []
     turned.holopath.show_overlay = True
     for spoil in (
         lambda: setattr(turned.camera.data, "type", "ORTHO"),
@@ -117,4 +117,4 @@ def test_nothing_to_draw(turned, monkeypatch):
         spoil()
         with pytest.raises(engine.InvalidInput):
             overlay.outlines(turned)
-        assert overlay._wanted(context) == []
+        assert overlay._visible_outlines(context) == []

@@ -36,7 +36,7 @@ def state(function):
 
 
 def after(work, scene):
-    """As the operators leave the session."""
+    """Bring the session into the state after an operator."""
     if work not in _left:
         if work == "rendered":
             scene.holopath.method, scene.holopath.frames = "fast", 2
@@ -76,7 +76,7 @@ def at_work(done, message, seconds=0.0):
 
 
 class Bench(slm.VirtualDriver):
-    """Opens when it is told; lost, if it is to be, after the first picture."""
+    """Opens when it is on_progress; lost, if it is to be, after the first picture."""
 
     def __init__(self, hologram, opens, lost):
         super().__init__(hologram)
@@ -84,7 +84,7 @@ class Bench(slm.VirtualDriver):
         if opens:
             self.opened.set()
 
-    def open(self, rate, told):
+    def open(self, rate, on_progress):
         self.opened.wait()
         self._alive()
 
@@ -132,10 +132,10 @@ def mitsuba_unavailable(scene, monkeypatch):
     monkeypatch.setattr(engine.scene.variants, "_candidates", lambda: [])
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    preferences.look_again()
+    preferences.forget_backends()
     yield
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 @contextmanager
@@ -144,12 +144,12 @@ def a_card(monkeypatch, *installed, lacking=""):
     monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
     monkeypatch.setattr(libraries, "installed", lambda: list(installed))
     monkeypatch.setattr(libraries, "choose", lambda: ("numpy" if lacking else "cupy", lacking))
-    preferences.look_again()
+    preferences.forget_backends()
     if lacking:
-        preferences.try_card()
+        preferences.check_card()
     yield
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 @state
@@ -191,7 +191,7 @@ def rendering_again(scene, monkeypatch):
 
 
 @state
-def cancelling(scene, monkeypatch):
+def canceling(scene, monkeypatch):
     with at_work(0.25, "Wave tracing"):
         bpy.ops.holopath.cancel()
         yield
@@ -224,14 +224,14 @@ def rendered(scene, monkeypatch):
 @state
 def rendered_in_another_scene(scene, monkeypatch):
     after("rendered", scene)
-    session.current.scene = session.current.rendered = "Another"
+    session.current.plan_scene = session.current.field_scene = "Another"
     yield
 
 
 @state
 def playing(scene, monkeypatch):
     after("rendered", scene)
-    monkeypatch.setattr(session.current, "sweep", object())  # in place of a window's timer
+    monkeypatch.setattr(session.current, "sweep_timer", object())  # in place of a window's timer
     yield
 
 
@@ -346,7 +346,7 @@ def choices(props):
 
 @pytest.mark.parametrize("name", ["nothing_rendered", "encoded"])
 def test_every_panel_with_every_setting(window, monkeypatch, name):
-    scene, seen = window.scene, 0
+    scene, count = window.scene, 0
     # the Render properties have the same sections
     shown = [cls for cls in SHOWN if not cls.__name__.startswith("HOLOPATH_PT_render")]
     with STATES[name](scene, monkeypatch):
@@ -358,8 +358,8 @@ def test_every_panel_with_every_setting(window, monkeypatch, name):
                 for cls in shown:
                     draw(cls, window)
                 setattr(props, setting, before)
-                seen += 1
-    assert seen > 60
+                count += 1
+    assert count > 60
 
 
 def row(window):
@@ -374,7 +374,7 @@ def test_progress_and_cancel(window, monkeypatch):
     for name, factor, text in (
         ("starting", 0.0, "Starting Mitsuba…"),
         ("rendering", 0.25, r"25% Wave tracing, \d+ s left"),
-        ("cancelling", 0.25, "Canceling…"),
+        ("canceling", 0.25, "Canceling…"),
         ("baking", 0.5, "50% Baking light in view"),
     ):
         with STATES[name](window.scene, monkeypatch):
@@ -402,38 +402,38 @@ def test_what_went_wrong_is_said(window, monkeypatch):
 
 def test_what_the_preferences_say_of_a_card(window, monkeypatch):
     """Nothing without one; with one what computes waves there, or what it lacks, what that gains, and what to press."""
-    get, seen = "holopath.get_card_extension", {}
+    get, drawn = "holopath.get_card_extension", {}
     for name in ("nothing_rendered", *(name for name in STATES if name.startswith("a_card"))):
         with STATES[name](window.scene, monkeypatch):
             if name == "nothing_rendered":
                 monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
-                preferences.look_again()
+                preferences.forget_backends()
             layout = draw(preferences.HoloPathPreferences, window)
-            seen[name] = layout.words, get in layout.all("operator", "operator")
+            drawn[name] = layout.words, get in layout.all("operator", "operator")
             lines = [text for text in layout.all("label", "text") if not text.startswith(("cuda_", "llvm_"))]
-            assert all(len(line) <= preferences.LINE for line in lines)
+            assert all(len(line) <= preferences.LINE_LENGTH for line in lines)
     monkeypatch.undo()
-    preferences.look_again()
-    (none, pressed), (without, offered), (old, _), (computes, _) = seen.values()
+    preferences.forget_backends()
+    (none, pressed), (without, offered), (old, _), (computes, _) = drawn.values()
     assert "Waves" not in none and not pressed
     assert "computed by the processor, as neither CuPy nor PyTorch is installed" in without and offered
     assert "HoloPath for NVIDIA Cards is an extension of 470 MB" in without and "third of the time" in without
     assert "driver version is insufficient" in old and "newer NVIDIA driver" in old and "third" not in old
     assert "computed on the card by CuPy" in computes
-    assert [offered for _, offered in seen.values()] == [False, True, False, False]
+    assert [offered for _, offered in drawn.values()] == [False, True, False, False]
 
 
 def test_the_processor_that_the_preferences_choose(window, monkeypatch):
     """Then nothing is said of a card's waves."""
-    monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.LLVM)
+    monkeypatch.setattr(preferences, "chosen_backend", lambda: engine.scene.variants.LLVM)
     with STATES["a_card_without_a_library"](window.scene, monkeypatch):
-        assert preferences.waves() == ("", "") and preferences.try_card() == ""
+        assert preferences.wave_status() == ("", "") and preferences.check_card() == ""
     monkeypatch.undo()
-    preferences.look_again()
+    preferences.forget_backends()
 
 
 def test_a_layout_is_strict(window):
-    """What a window's layout would refuse or complain of, the one of these tests does."""
+    """The layout of these tests refuses what a window's layout would refuse or complain of."""
     layout, props = Layout(window), window.scene.holopath
     for wrong in (
         lambda: layout.props(props, "seed"),
@@ -441,7 +441,7 @@ def test_a_layout_is_strict(window):
         lambda: layout.prop(props, "wavelengths_nm", index=3),
         lambda: layout.prop(props, "seed", icon="NO_SUCH"),
         lambda: layout.prop(props),
-        lambda: layout.label("text", colour=1),
+        lambda: layout.label("text", color=1),
         lambda: layout.label(text=1),
         lambda: layout.operator("holopath.no_such"),
         lambda: setattr(layout.operator("holopath.bake"), "again", True),

@@ -1,4 +1,4 @@
-"""What sections of the panels show: controls that do something, and words where there is none."""
+"""Sections of the panels: controls that have an effect, and words without any."""
 
 from dataclasses import make_dataclass
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_depth(scene):
     props = scene.holopath
     names, words = drawn(sections.depth, scene)
     assert "near_auto" in names and "near" not in names and "Not Estimated" in words
-    session.current.plan, session.current.scene = SimpleNamespace(near=0.25), scene.name
+    session.current.plan, session.current.plan_scene = SimpleNamespace(near=0.25), scene.name
     assert "0.25 m" in drawn(sections.depth, scene)[1]
     props.near_auto = False
     assert "near" in drawn(sections.depth, scene)[0]
@@ -71,7 +71,7 @@ def f12_says(scene):
 
 
 def test_which_size_f12_takes(scene):
-    """At the button, where F12 is ours: that of the Output properties, until it is made the same."""
+    """The panel shows the size of F12 if HoloPath renders it, until both sizes are the same."""
     words, offered = f12_says(scene)
     assert "F12" not in words and not offered
     scene.render.engine = "HOLOPATH"
@@ -123,7 +123,7 @@ def test_what_encoding_will_do(scene, settings, says, names):
     assert "About" not in drawn(sections.hologram, scene)[1]
     fields = "phases", "phases_memory", "traversals", "requested", "settings"
     plan = make_dataclass("PlanOfPhases", fields)(PHASES, MEMORY, 1, None, None)
-    session.current.plan, session.current.scene = plan, scene.name
+    session.current.plan, session.current.plan_scene = plan, scene.name
     for name, value in settings.items():
         setattr(scene.holopath, name, value)
     there, words = drawn(sections.hologram, scene)

@@ -55,7 +55,7 @@ def test_labels(addon):
 
 
 def test_tooltips(addon):
-    """Without the names of decisions, which plans and reports have for ever."""
+    """Tooltips are checked without names of decisions, which plans and reports keep forever."""
     _, tooltips = written()
     names = ", ".join(engine.FIXABLE)
     tooltips = [(where, text.replace(names, "")) for where, text in tooltips]

@@ -1,4 +1,4 @@
-"""Distances as people write them."""
+"""Distances as text."""
 
 import math
 
@@ -9,7 +9,7 @@ from holopath_addon.workflow import lengths
 
 
 @pytest.mark.parametrize(
-    ("text", "metres"),
+    ("text", "meters"),
     [
         ("0.5m", 0.5),
         ("50cm", 0.5),
@@ -20,11 +20,11 @@ from holopath_addon.workflow import lengths
         ("3", 3.0),
     ],
 )
-def test_distances(text, metres):
-    assert lengths.parse_distance(text) == pytest.approx(metres)
+def test_distances(text, meters):
+    assert lengths.parse_distance(text) == pytest.approx(meters)
 
 
 @pytest.mark.parametrize("text", ["-1m", "0", "-2D", "nan", "1 parsec", "", "1m2"])
-def test_distances_that_are_none(text):
+def test_invalid_distances(text):
     with pytest.raises(engine.InvalidInput):
         lengths.parse_distance(text)

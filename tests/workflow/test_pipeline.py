@@ -1,4 +1,4 @@
-"""What is said of a hologram that was computed."""
+"""Notes on a computed hologram."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Request
 
 
-def test_what_to_know_of_baked_light():
+def test_notes_on_baked_light():
     bake = {"note": "", "coarser": 1.2, "traced": ()}
     assert pipeline.bake_notes(None) == pipeline.bake_notes(bake) == []
     bake = {"note": "It was torn.", "coarser": 2.04, "traced": tuple("abcdefghij")}
@@ -22,11 +22,11 @@ def test_what_to_know_of_baked_light():
 
 
 class OutOfMemoryError(RuntimeError):
-    """As those of CuPy and PyTorch are called."""
+    """Error with the name of CuPy's and PyTorch's."""
 
 
-def test_a_card_whose_memory_runs_out_is_told_of(monkeypatch):
-    """While waves are computed, or pictures of them: the result's plan says so, once, and all is there."""
+def test_a_note_says_that_the_cards_memory_ran_out(monkeypatch):
+    """The images are complete nevertheless."""
     on_card = SimpleNamespace()
     monkeypatch.setattr(libraries, "choose", lambda: ("torch", ""))
     monkeypatch.setattr(libraries, "empty_array", lambda name: on_card)
@@ -49,18 +49,18 @@ def test_a_card_whose_memory_runs_out_is_told_of(monkeypatch):
 
 
 @pytest.mark.parametrize("ran_out", [False, True])
-def test_what_happened_while_waves_were_computed_is_said(backend, monkeypatch, ran_out):
-    """What a field's own plan warns of is a warning of the result, too."""
+def test_warnings_of_the_field_are_warnings_of_the_result(backend, monkeypatch, ran_out):
+    """A note of the computation of waves appears once."""
     from benchmarks.scenes import FOV, GREEN, Scenes
 
     scenes = Scenes()
     scene, camera = scenes.two_planes(scenes.emissive), engine.Camera(np.eye(4), FOV)
     hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), depth_far=0.1e-3, depth_near=0.4e-3)
-    rendered, said = engine.render, {"warnings": [libraries.RAN_OUT]} if ran_out else {}
+    rendered, warnings = engine.render, {"warnings": [libraries.RAN_OUT]} if ran_out else {}
 
     def render(*given):
         field = rendered(*given)
-        return replace(field, plan=field.plan | said)
+        return replace(field, plan=field.plan | warnings)
 
     monkeypatch.setattr(engine, "render", render)
     settings = engine.Settings(frames=1, quality="draft", planes=1, max_depth=1)

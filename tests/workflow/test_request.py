@@ -1,4 +1,4 @@
-"""What a render is asked for, and how far it is."""
+"""Requests of renders, and their progress."""
 
 import itertools
 import json
@@ -22,7 +22,9 @@ def request_of(backend):
 
     scenes = Scenes()
     scene, camera = scenes.two_planes(scenes.emissive), engine.Camera(np.eye(4), FOV)
-    return lambda **words: Request(HOLOGRAM, SETTINGS, [1.0], **words).of(scene, camera, [{"what": "a note"}])
+    return lambda **words: Request(HOLOGRAM, SETTINGS, [1.0], **words).with_scene(
+        scene, camera, [{"what": "a note"}]
+    )
 
 
 def test_a_built_request_has_its_scene_and_notes(request_of):
@@ -31,8 +33,8 @@ def test_a_built_request_has_its_scene_and_notes(request_of):
     assert (request.origin.name, request.origin.opened) == ("planes.blend", {"frame": 3})
 
 
-def test_all_that_is_asked_is_in_the_report(request_of):
-    """In words of JSON; what decides the result differs in it."""
+def test_inputs_differ_if_the_result_does(request_of):
+    """JSON can hold them, and the same request has the same inputs."""
     words = [
         {},
         {"encoding": Encoding("sgd", bits=4)},
@@ -40,9 +42,9 @@ def test_all_that_is_asked_is_in_the_report(request_of):
         {"outputs": Outputs(light_field=2)},
         {"pupil": engine.Pupil(0.0, 0.0, 1e-3)},
     ]
-    asked = [json.dumps(output.plain(request_of(**each).asked), sort_keys=True) for each in words]
-    assert len(set(asked)) == len(words)
-    assert json.dumps(output.plain(request_of().asked), sort_keys=True) == asked[0]
+    inputs = [json.dumps(output.plain(request_of(**each).inputs), sort_keys=True) for each in words]
+    assert len(set(inputs)) == len(words)
+    assert json.dumps(output.plain(request_of().inputs), sort_keys=True) == inputs[0]
 
 
 @pytest.mark.parametrize("method", ["none", "dpac", "sgd"])

@@ -1,4 +1,4 @@
-"""Folders that several processes replace at once: always whole, and always one writer's."""
+"""Folders that several processes replace at once: always complete, and by one of them."""
 
 import os
 import shutil
@@ -37,13 +37,16 @@ def test_writers_that_meet_leave_one_whole_result(tmp_path):
         _, error = writer.communicate(timeout=NEVER)
         assert writer.returncode == 0, error.decode()
     assert os.listdir(tmp_path) == ["out"]
-    told = {(out / "wavefield" / "field.npy").read_text(), (out / "reconstruction" / "focus.exr").read_text()}
-    assert len(told) == 1 and f'"{told.pop()}"' in (out / "report.json").read_text()
+    authors = {
+        (out / "wavefield" / "field.npy").read_text(),
+        (out / "reconstruction" / "focus.exr").read_text(),
+    }
+    assert len(authors) == 1 and f'"{authors.pop()}"' in (out / "report.json").read_text()
     assert sorted(os.listdir(out)) == ["reconstruction", "report.json", "wavefield"]
 
 
 def test_what_was_swept_away_and_made_again_is_not_put_in_place(tmp_path):
-    """As by a process that was taken for gone: its folder lacks what it had written before."""
+    """A process that others took for dead has lost the files that it wrote before."""
     out = tmp_path / "out"
     with pytest.raises(FileNotFoundError), files.whole_folder(out, lambda folder: None) as part:
         (part / "first").write_text("first")
@@ -65,7 +68,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C is heard, also where a shell started the tests in the background and has them ignore it."""
+    """Ctrl-C works, even if a shell started the tests in the background and had them ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -73,7 +76,7 @@ def interruptible():
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind, interruptible):
-    """It comes while what the first one left is cleared away."""
+    """It comes while the leftovers of the first one are deleted."""
     remove, unlink = shutil.rmtree, Path.unlink
     monkeypatch.setattr(
         shutil, "rmtree", lambda *a, **k: (signal.raise_signal(signal.SIGINT), remove(*a, **k))

@@ -1,6 +1,10 @@
-"""Scene settings of HoloPath (`Scene.holopath`) and what they mean to the engine."""
+"""Scene settings of HoloPath (`Scene.holopath`), and their conversion to the engine's objects.
+
+Parameters `props` are always `HoloPathSettings`.
+"""
 
 import math
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -24,8 +28,8 @@ from .decimals import tidy
 from .optics import RELATIVE, HoloPathOptics, optics_of
 
 CUSTOM = "CUSTOM"
-LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
-_VALUES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}  # types of properties that hold one
+MAX_FOCUS = 1e5  # meters; farther distances count as infinity
+_VALUES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}  # types of properties that hold a value
 
 
 def _display_items():
@@ -38,46 +42,45 @@ def _display_items():
 
 
 def _declared_properties():
-    """Blender's properties of the settings that the engine declares, each after its switch if it has one."""
+    """Blender's properties of the settings that the engine declares, by name; a switch comes before its setting."""
     made = {}
     for name, declared in DECLARED.items():
         made |= _properties_of(property_of(name), declared, default_of(name))
-    of_phases = {"encode_seconds": ENCODE_SECONDS, "eyebox": EYEBOX}
-    return made | {
-        k: v for name, each in of_phases.items() for k, v in _properties_of(name, each, None).items()
-    }
+    for name, declared in {"encode_seconds": ENCODE_SECONDS, "eyebox": EYEBOX}.items():
+        made |= _properties_of(name, declared, None)
+    return made
 
 
 def _properties_of(name, declared, default):
-    """The property of a declared value, after its switch if it has one."""
+    """Property of a declared setting, after its switch if it has one."""
     made, switch = {}, declared.switch
     if switch is not None:
         made[switch.name] = BoolProperty(
             name=switch.label, description=switch.help, default=not switch.by_hand
         )
         default = declared.initial
-    told: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
+    arguments: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
     if declared.chosen:
-        made[name] = EnumProperty(**told, items=menu(declared.chosen))
+        made[name] = EnumProperty(**arguments, items=menu(declared.chosen))
     elif name == "fixed":
-        told |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
-        made[name] = StringProperty(**told)
+        arguments |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
+        made[name] = StringProperty(**arguments)
     else:
-        least, most = declared.bounds
+        min_value, max_value = declared.bounds
         low, high = declared.soft or declared.bounds
-        ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
-        told |= {key: end for key, end in ends.items() if math.isfinite(end)}
+        ends = {"min": min_value, "max": max_value, "soft_min": low, "soft_max": high}
+        arguments |= {key: end for key, end in ends.items() if math.isfinite(end)}
         if declared.unit:
-            told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
+            arguments |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
         elif declared.bounds[1] == 1.0:
-            told |= {"subtype": "FACTOR", "precision": 2}
+            arguments |= {"subtype": "FACTOR", "precision": 2}
         kind = FloatProperty if declared.kind is float else IntProperty
-        made[name] = kind(**told)
+        made[name] = kind(**arguments)
     return made
 
 
 def property_of(name: str) -> str:
-    """Name of the property that holds a declared setting."""
+    """Name of the property that holds a setting, by the setting's name in `engine.Settings`."""
     unit = DECLARED[name].unit
     return f"{name}_{unit}" if unit else name
 
@@ -106,69 +109,70 @@ def _ends_set(props):
 
 
 def _depth_auto_changed(props, context):
-    """By hand it begins with what it was automatically."""
+    """Start a depth range set by hand with the automatic one."""
     if not props.depth_auto and not _ends_set(props):
         whole = engine.Hologram(props.resolution_x, props.resolution_y, pitch_of(props))
         props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
-# Called with the settings when focus or pupil change, and when another frame of the phases is chosen: callables.
-looking_elsewhere, frame_chosen = [], []
-_noting = []  # not empty while focus or index are written, but nothing is to be refocused
+# Functions called with the settings when focus or pupil change, and when another frame of the phases is chosen.
+on_view_change: list[Callable] = []
+on_frame_change: list[Callable] = []
+_silenced = []  # not empty while focus or index are written without refocusing
 
 
 def _distance_changed(props, context):
-    if not _noting:
+    if not _silenced:
         props.focus_auto = False
         _focus_changed(props, context)
 
 
 def _focus_changed(props, context):
-    for call in looking_elsewhere:
+    for call in on_view_change:
         call(props)
 
 
 def _get_infinity(props):
-    return props.focus >= LARGEST_FOCUS
+    return props.focus >= MAX_FOCUS
 
 
 def _set_infinity(props, value):
     if value != _get_infinity(props):
-        props.focus = LARGEST_FOCUS if value else 1.0
+        props.focus = MAX_FOCUS if value else 1.0
 
 
-def _get_dioptres(props):
+def _get_diopters(props):
     return 0.0 if _get_infinity(props) else 1 / props.focus
 
 
-def _set_dioptres(props, value):
-    props.focus = min(1 / max(value, 1e-9), LARGEST_FOCUS)
+def _set_diopters(props, value):
+    props.focus = min(1 / max(value, 1e-9), MAX_FOCUS)
 
 
 def _phase_frame_changed(props, context):
-    for call in frame_chosen:
+    for call in on_frame_change:
         call(props)
 
 
 def _focus_chosen(props, context):
-    """A distance of the list is clicked: look there."""
-    if not _noting and props.focus_index < len(props.focus_list):
+    """Focus at the distance that was chosen in the list."""
+    if not _silenced and props.focus_index < len(props.focus_list):
         focus = props.focus_list[props.focus_index].focus
         if focus != props.focus:
             props.focus = focus
 
 
 class _Focus:
-    """Other ways to write the property `focus` of a class."""
+    """Other forms of a class's property `focus`."""
 
     focus_infinity: BoolProperty(
         name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
     )
     focus_dioptres: FloatProperty(
         name="Focus (D)",
-        description="The same distance in diopters, one over meters; 0 is infinity",
-        get=_get_dioptres,
-        set=_set_dioptres,
+        description="The focus distance in diopters, that is, one over meters; 0 is infinity",
+        get=_get_diopters,
+        set=_set_diopters,
         min=0.0,
         max=1e3,
         soft_max=5.0,
@@ -178,14 +182,14 @@ class _Focus:
 
 
 class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
-    """A distance of the focus list."""
+    """Distance of the focus list."""
 
     focus: FloatProperty(
         name="Focus (m)",
         description="Distance from the camera, in meters",
         default=1.0,
         min=1e-3,
-        max=LARGEST_FOCUS,
+        max=MAX_FOCUS,
         soft_min=0.05,
         soft_max=100.0,
         step=5,
@@ -197,9 +201,9 @@ _Declared = type("_Declared", (), {"__annotations__": _declared_properties()})
 
 
 class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
-    """What `Scene.holopath` holds."""
+    """Settings of a scene, `Scene.holopath`."""
 
-    if TYPE_CHECKING:  # of the settings that are declared
+    if TYPE_CHECKING:  # the declared settings
 
         def __getattr__(self, name: str) -> Any: ...
 
@@ -238,7 +242,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     square_pixels: BoolProperty(
         name="Square Pixels",
-        description="Whether the pitch is the same in x and y; otherwise light spreads as the larger pitch has it",
+        description="Use the same pitch in x and y. Otherwise the larger pitch limits how far light spreads",
         default=True,
     )
     pitch_y_um: FloatProperty(
@@ -254,7 +258,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     bits: IntProperty(
         name="Bit Depth",
-        description="Bits of phase that a pixel of the SLM takes: two to that power are the levels it shows",
+        description="Bits of phase per pixel of the SLM: 8 bits are 256 levels",
         default=8,
         min=1,
         max=16,
@@ -281,7 +285,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     wavelength_nm: FloatProperty(
         name="Wavelength (nm)",
-        description="Vacuum wavelength, in nanometers; it shows the scene's red, green or blue light",
+        description="Vacuum wavelength, in nanometers; shows the scene's red, green or blue light",
         default=516.5,
         min=100.0,
         max=10000.0,
@@ -297,7 +301,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     depth_auto: BoolProperty(
         name="Near the SLM",
         description=(
-            "Let the depth range lie as near to the SLM as it keeps its depth: no light passes beside the aperture, "
+            "Place the depth range as near to the SLM as its depth allows, so that no light passes beside the aperture "
             "and borders stay bright"
         ),
         default=True,
@@ -325,7 +329,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     near_auto: BoolProperty(
         name="Nearest Surface",
-        description="Let the near end of the depth range be the nearest surface in view",
+        description="Put the near end of the depth range at the nearest surface in view",
         default=True,
     )
     near: FloatProperty(
@@ -341,28 +345,28 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     keep_fields: BoolProperty(
         name="Keep Wave Fields",
         description=(
-            "Animation renders write each frame's wave field and pictures into a folder of its own, and take frames "
-            "from there that were made of the same scene with the same settings"
+            "Write each frame's wave field and pictures into its own folder in animation renders, and reuse frames "
+            "there that were made of the same scene with the same settings"
         ),
         default=False,
         options=set(),
     )
     animation_folder: StringProperty(
         name="Wave Fields",
-        description="Folder in which an animation render makes frame_0001 and so on",
+        description="Folder in which animation renders create frame_0001 and so on",
         default="//holopath",
         subtype="DIR_PATH",
         options=RELATIVE,
     )
     animation_encodes: BoolProperty(
         name="Encode",
-        description="Also find the phases of each frame, as the section Hologram says and for the device's calibration",
+        description="Also encode the phases of each frame, by the section Hologram and for the device's calibration",
         default=False,
     )
     animation_in_turn: BoolProperty(
         name="From the Frame Before",
-        description="Begin a frame's phases with those of the frame before, which flickers less where frames per color "
-        "are few. Frames are then made in turn, also by several processes",
+        description="Start a frame's phases from those of the frame before, which flickers less with few frames per "
+        "color. Frames are then computed one after the other, also by several processes",
         default=False,
     )
     focus_auto: BoolProperty(
@@ -372,10 +376,10 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     focus: FloatProperty(
         name="Focus (m)",
-        description="Distance at which the picture is sharp, in meters; refocuses without rendering again",
+        description="Distance at which the picture is sharp, in meters; changes refocus without rendering again",
         default=1.0,
         min=1e-3,
-        max=LARGEST_FOCUS,
+        max=MAX_FOCUS,
         soft_min=0.05,
         soft_max=100.0,
         step=5,
@@ -385,11 +389,11 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     focus_list: CollectionProperty(
         type=HoloPathFocus,
         name="Focus List",
-        description="Distances that focal stacks are made of; empty: the focus distance alone",
+        description="Distances of focal stacks; empty: only the focus distance",
     )
     focus_index: IntProperty(
         name="Chosen Distance",
-        description="Distance of the focus list that is looked at",
+        description="Chosen distance of the focus list",
         update=_focus_chosen,
     )
     show_overlay: BoolProperty(
@@ -410,7 +414,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     use_pupil: BoolProperty(
         name="Partial Pupil",
-        description="Look through a part of the pupil only: less light, more depth of field; off: all of the light",
+        description="Look through a part of the pupil: less light, more depth of field. Otherwise all light is seen",
         default=False,
         update=_focus_changed,
     )
@@ -437,19 +441,19 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     encoding: EnumProperty(
         name="Encoding",
-        description="How complex amplitudes become the phases that an SLM shows",
+        description="Method that turns complex amplitudes into the phases that an SLM shows",
         items=menu(ENCODINGS),
         default="auto",
     )
     refocused: EnumProperty(
         name="Shown",
-        description="What the reconstruction in the Image Editor shows",
+        description="Light that the reconstruction in the Image Editor shows",
         items=[
             ("FIELD", "Wave Field", "The complex field that was rendered", 0),
             (
                 "PHASE",
                 "Hologram",
-                "The phases that an SLM shows, once they are encoded, with the display's limits",
+                "The encoded phases, on an SLM with the display's limits",
                 1,
             ),
         ],
@@ -457,7 +461,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     pixel_shape: BoolProperty(
         name="Pixel Shape",
-        description="Show how the square shape of the pixels dims steep light. Otherwise they are points",
+        description="Include the square shape of the pixels, which dims steep light. Otherwise they are points",
         update=_focus_changed,
     )
     fill_factor: FloatProperty(
@@ -470,7 +474,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     unmodulated: FloatProperty(
         name="Zeroth Order",
-        description="Share of the light that leaves the SLM unmodulated, from 0 to 1",
+        description="Fraction of the light that leaves the SLM unmodulated, from 0 to 1",
         default=0.0,
         min=0.0,
         max=1.0,
@@ -488,24 +492,24 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     )
     phase_frame: IntProperty(
         name="Frame",
-        description="Which of the hologram's frames the picture of its phases shows, from 0",
+        description="Frame of the hologram that the picture of its phases shows, from 0",
         default=0,
         min=0,
         max=255,
         update=_phase_frame_changed,
     )
     optics: PointerProperty(type=HoloPathOptics, name="Optics", description="The bench around the SLM")
-    device: PointerProperty(type=HoloPathDevice, name="Device", description="What shows the hologram")
+    device: PointerProperty(type=HoloPathDevice, name="Device", description="Device that shows the hologram")
 
 
 class HoloPathMaterial(bpy.types.PropertyGroup):
-    """What `Material.holopath` holds."""
+    """Settings of a material, `Material.holopath`."""
 
     abbe_number: FloatProperty(
         name="Abbe Number",
         description=(
-            "How little clear glass of this material spreads colors: 59 is crown glass, 36 flint glass, and "
-            "0 means that it spreads none. The node's IOR is that of yellow light, 587.6 nm"
+            "Abbe number of clear glass, which spreads colors less the higher it is: 59 is crown glass, 36 flint "
+            "glass, and 0 spreads none. The node's IOR is that of yellow light, 587.6 nm"
         ),
         default=0.0,
         min=0.0,
@@ -517,11 +521,11 @@ class HoloPathMaterial(bpy.types.PropertyGroup):
 
 
 class HoloPathViewLayer(bpy.types.PropertyGroup):
-    """What `ViewLayer.holopath` holds: the passes of F12."""
+    """Settings of a view layer, `ViewLayer.holopath`: the passes of F12."""
 
     use_pass_focus: BoolProperty(
         name="Focus",
-        description="Deliver a picture for each distance of the focus list, if it is empty for the focus distance",
+        description="Deliver a picture for each distance of the focus list, or for the focus distance if it is empty",
         default=False,
     )
     use_pass_phase: BoolProperty(
@@ -541,7 +545,7 @@ class HoloPathViewLayer(bpy.types.PropertyGroup):
     )
 
 
-# Where Blender's own things hold them: as `holopath`, of which only Blender knows when it runs.
+# Attribute of Blender's own types, which the type checker does not know.
 _NAME = "holopath"
 _GROUPS = {
     bpy.types.Scene: HoloPathSettings,
@@ -551,28 +555,28 @@ _GROUPS = {
 
 
 def of(scene: bpy.types.Scene | None) -> HoloPathSettings:
-    """`Scene.holopath`; Blender's contexts may lack a scene, but not where anything of ours is asked for."""
+    """Settings of a scene. None is accepted for the type checker: contexts that reach this have a scene."""
     return getattr(scene, _NAME)
 
 
 def of_material(material: bpy.types.Material | None) -> HoloPathMaterial:
-    """`Material.holopath`, see `of`."""
+    """Settings of a material, see `of`."""
     return getattr(material, _NAME)
 
 
 def of_layer(layer: bpy.types.ViewLayer | None) -> HoloPathViewLayer:
-    """`ViewLayer.holopath`, see `of`."""
+    """Settings of a view layer, see `of`."""
     return getattr(layer, _NAME)
 
 
 def hologram_of(props, resolution=None):
-    """Engine's hologram of the settings.
+    """Hologram that the settings describe.
 
     Parameters
     ----------
     props : HoloPathSettings
     resolution : tuple of int, optional
-        Width and height in pixels of its picture, in place of the settings' own of the panel.
+        Width and height, pixels, of its picture; None: the panel is that of the settings.
 
     Returns
     -------
@@ -580,13 +584,16 @@ def hologram_of(props, resolution=None):
 
     Raises
     ------
-    engine.InvalidInput, engine.BackendUnavailable
+    engine.InvalidInput
+        If the settings contradict each other, or a measured file cannot be read.
+    engine.BackendUnavailable
+        If the library for a measured file is not installed.
     """
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
     ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
     optics = optics_of(props)
-    said: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "pitch": pitch_of(props),
         "wavelengths": tuple(tidy(w * 1e-9) for w in wavelengths),
         "depth_mapping": props.depth_mapping,
@@ -594,31 +601,37 @@ def hologram_of(props, resolution=None):
         **ends,
     }
     size = props.resolution_x, props.resolution_y
-    if resolution:  # a measured beam is of the panel that is to be found
-        size = engine.Hologram(*size, **said, optics=replace(optics, beam=engine.Beam())).panel_for(
+    if resolution:  # a measured beam fits only the panel to be found
+        size = engine.Hologram(*size, **arguments, optics=replace(optics, beam=engine.Beam())).panel_for(
             *resolution
         )
-    return engine.Hologram(*size, **said, optics=optics)
+    return engine.Hologram(*size, **arguments, optics=optics)
 
 
 def pitch_of(props):
-    """The display's pixel pitch, meters; a pair where pixels are not square."""
+    """Pixel pitch of the display, meters; a pair (x, y) if pixels are not square."""
     across, down = (tidy(um * 1e-6) for um in (props.pitch_um, props.pitch_y_um))
     return across if props.square_pixels else (across, down)
 
 
 def depth_is_auto(props):
-    """Whether nobody set the depth range; in scenes of earlier versions, which know no switch, the ends tell."""
+    """Whether the depth range is automatic; in scenes of earlier versions, without the switch, if no end is set."""
     return props.depth_auto and (props.is_property_set("depth_auto") or not _ends_set(props))
 
 
 def display_of(props):
-    """The `engine.Display` chosen; None where it is custom."""
+    """The chosen `engine.Display`; None for a custom one."""
     return engine.DISPLAYS.get(props.display)
 
 
 def settings_of(props):
-    """Engine's settings, see `hologram_of`."""
+    """The `engine.Settings`.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If a value is invalid.
+    """
     values = {name: _value(props, name, declared) for name, declared in DECLARED.items()}
     if not may_be_smooth(props):
         values["randomness"] = None
@@ -626,11 +639,12 @@ def settings_of(props):
 
 
 def may_be_smooth(props):
-    """Whether phase fields have a randomness."""
+    """Whether the phase field may be smooth, so that its randomness counts."""
     return props.phase_field in ("auto", "smooth")
 
 
 def _value(props, name, declared) -> Any:
+    """Value of a declared setting in the engine's units."""
     switch = declared.switch
     if switch is not None and getattr(props, switch.name) != switch.by_hand:
         return default_of(name)
@@ -643,37 +657,34 @@ def _value(props, name, declared) -> Any:
 
 
 def encode_seconds_of(props):
-    """Seconds that encoding may take; None for no limit."""
+    """Time limit of encoding, seconds; None without a limit."""
     limited = props.limit_encoding and props.encoding != "dpac"
     return tidy(props.encode_seconds) if limited else None
 
 
 def eyebox_of(props):
-    """Weight of parts of the pupil in phases; None for the plan's."""
+    """Weight of parts of the pupil in encoding; None: the plan decides."""
     return None if props.eyebox_auto else tidy(props.eyebox)
 
 
 def focus_of(props):
-    """Focus distance in metres, infinity included."""
+    """Focus distance, meters; may be infinite."""
     return math.inf if props.focus_infinity else tidy(props.focus)
 
 
 def focus_list_of(props):
-    """Distances of the focus list in metres, infinity included; the focus alone where the list is empty.
-
-    In the list's order, each once.
-    """
+    """Distances of the focus list, meters, in its order and without repetition; if it is empty the focus distance."""
     return list(dict.fromkeys(focus_of(item) for item in props.focus_list)) or [focus_of(props)]
 
 
 def modulator_of(props):
-    """`engine.Modulator` of the display that the settings describe."""
+    """The `engine.Modulator`: limits of the display."""
     fill_factor = props.fill_factor if props.pixel_shape else None
     return engine.Modulator(props.bits, fill_factor, props.unmodulated, props.crosstalk)
 
 
-def seen_of(props):
-    """What the reconstruction shows.
+def reconstruction_of(props):
+    """Arguments of `session.refocus` that the settings describe.
 
     Parameters
     ----------
@@ -682,53 +693,57 @@ def seen_of(props):
     Returns
     -------
     focus : float
-        Meters.
+        Distance, meters.
     pupil : engine.Pupil or None
+        None: the whole pupil.
     modulator : engine.Modulator or None
-        Of phases.
+        Limits of the display that shows the phases; None: the field itself.
     optics : engine.Optics
-        The bench that it is seen on.
+        Bench.
 
     Raises
     ------
-    engine.InvalidInput, engine.BackendUnavailable
+    engine.InvalidInput
         If there is no such bench.
+    engine.BackendUnavailable
+        If the library for a measured file is not installed.
     """
     modulator = modulator_of(props) if props.refocused == "PHASE" else None
     return focus_of(props), pupil_or_none(props), modulator, optics_of(props)
 
 
 def pupil_or_none(props):
-    """`engine.Pupil`, or None for the whole cone."""
+    """The `engine.Pupil`; None for the whole pupil."""
     if not props.use_pupil:
         return None
     return engine.Pupil(*(tidy(v * 1e-3) for v in (*props.pupil_offset_mm, props.pupil_diameter_mm)))
 
 
-def set_focus(props, metres):
-    """Focus at a distance in metres, infinity included."""
-    props.focus = min(metres, LARGEST_FOCUS)
+def set_focus(props, distance):
+    """Focus at a distance, meters, which may be infinite."""
+    props.focus = min(distance, MAX_FOCUS)
 
 
-def note_focus(props, metres):
-    """Write down the focus that automatic focusing found, whose picture is there already."""
-    with _quietly():
-        set_focus(props, metres)
+def note_focus(props, distance):
+    """Write down the distance, meters, of automatic focusing, without refocusing: its picture is shown already."""
+    with _without_refocusing():
+        set_focus(props, distance)
 
 
-def choose(props, index):
-    """Mark a distance of the focus list, without looking there."""
-    with _quietly():
+def mark_distance(props, index):
+    """Mark the distance of an index in the focus list, without refocusing."""
+    with _without_refocusing():
         props.focus_index = index
 
 
 @contextmanager
-def _quietly():
-    _noting.append(True)
+def _without_refocusing():
+    """Write focus or index within the block without refocusing."""
+    _silenced.append(True)
     try:
         yield
     finally:
-        _noting.pop()
+        _silenced.pop()
 
 
 CLASSES = (
@@ -742,15 +757,16 @@ CLASSES = (
 
 
 def register():
-    """Register the settings alone, for the command line in the bpy module."""
+    """Register only the settings, for the command line in the bpy module."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     attach()
 
 
 def _anything_set(props):
+    """Whether any value was set, by a user or a script."""
     own = [prop for prop in props.bl_rna.properties if prop.type in _VALUES]
-    # other ways to write a property always count as set
+    # other forms of a property always count as set
     return any(
         props.is_property_set(prop.identifier)
         for prop in own
@@ -760,7 +776,7 @@ def _anything_set(props):
 
 @bpy.app.handlers.persistent
 def _stamp(*_):
-    """Files tell whether the depth range is automatic: earlier versions, of which it was 10 to 15 mm, do not."""
+    """Save whether the depth range is automatic. Files of earlier versions, with 10 to 15 mm, lack this."""
     for scene in bpy.data.scenes:
         if scene.library is None and _anything_set(of(scene)):
             of(scene).depth_auto = depth_is_auto(of(scene))
@@ -768,10 +784,10 @@ def _stamp(*_):
 
 @bpy.app.handlers.persistent
 def _settle(*_):
-    """Choices that only a later version of HoloPath knows are at their defaults in this one.
+    """Adapt a file of another version.
 
-    Scenes of earlier versions keep the depth range that they had by default, and pixels of a fill factor below 1 their
-    shape.
+    Choices that only a later version knows are reset to their defaults. Scenes of earlier versions keep their default
+    depth range, and the shape of pixels with a fill factor below 1.
     """
     for scene in bpy.data.scenes:
         props = of(scene)
@@ -794,7 +810,7 @@ def attach():
 
 
 def detach():
-    """Take the settings from scenes, view layers and materials."""
+    """Remove the settings from scenes, view layers and materials."""
     for handlers, own in ((bpy.app.handlers.load_post, _settle), (bpy.app.handlers.save_pre, _stamp)):
         if own in handlers:  # another add-on may have cleared the list
             handlers.remove(own)

@@ -1,6 +1,6 @@
-"""Numbers of properties, which Blender keeps in single precision."""
+"""Conversion of numbers that Blender keeps in single precision."""
 
 
 def tidy(value: float) -> float:
-    """Blender's single precision as the decimal number that was meant."""
+    """Round a number of single precision to the decimal number that it stands for: 6 significant digits."""
     return float(f"{value:.6g}")

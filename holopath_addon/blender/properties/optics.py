@@ -1,4 +1,4 @@
-"""Settings of the bench around the SLM (`Scene.holopath.optics`), and what they mean to the engine."""
+"""Settings of the bench around the SLM (`Scene.holopath.optics`), and their conversion to the engine's objects."""
 
 import math
 from collections.abc import Callable
@@ -14,13 +14,18 @@ from ...engine.optics import MIN_SHARE
 from ...exchange.optics import measured_beam, measured_stop
 from .decimals import tidy
 
-# A .blend holds the numbers.
+# Menu items: identifier, label, help, and the number that a .blend holds.
 _BEAM_KINDS = [
-    ("flat", "Flat", "Even light from straight behind", 0),
-    ("tilt", "Tilted", "A plane wave that comes at an angle", 1),
-    ("point", "Point Source", "Light that spreads from a point before the SLM, or runs to one behind it", 2),
+    ("flat", "Flat", "Uniform light at normal incidence", 0),
+    ("tilt", "Tilted", "A plane wave at an angle", 1),
+    (
+        "point",
+        "Point Source",
+        "Light that diverges from a point before the SLM, or converges to one behind it",
+        2,
+    ),
     ("gaussian", "Gaussian", "A laser beam whose waist is at the SLM", 3),
-    ("measured", "Measured", "Light as it was measured at each pixel, from a file", 4),
+    ("measured", "Measured", "Light that was measured at each pixel, from a file", 4),
 ]
 _BEAM_FILES = [
     ("amplitude", "Amplitude", "Numbers in proportion to the amplitude of the light", 0),
@@ -32,43 +37,43 @@ _CARRIERS = [
     (
         "auto",
         "Middle of Stop",
-        "In the middle of the stop, off axis: the zero order and the twin are left out",
+        "In the middle of the stop, off axis: without the zero order and the twin",
         1,
     ),
     ("given", "Set by Hand", "At the place below", 2),
 ]
 _STOP_KINDS = [
-    ("circle", "Circle", "A circle around the carrier: on axis all that the pixels send out", 0),
+    ("circle", "Circle", "A circle around the carrier; by default, on axis, all light of the pixels", 0),
     ("half", "Half", "The half of the band on one side of the zero order", 1),
     ("rectangle", "Rectangle", "A rectangle around the carrier", 2),
-    ("measured", "Picture", "What is bright in a picture of the Fourier plane, from a file", 3),
+    ("measured", "Picture", "The bright parts of a picture of the Fourier plane, from a file", 3),
 ]  # fmt: skip
 
 _KNOWS_RELATIVE = "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
-# Options of a path that may start at the .blend; older Blenders let any path do so.
+# Options of a path that may be relative to the .blend; in older Blenders any path may.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if _KNOWS_RELATIVE else set()
 
-# Called with the scene when its bench changes: callables.
-bench_changed: list[Callable] = []
+# Functions called with the scene when its bench changes.
+on_bench_change: list[Callable] = []
 
 
 def _changed(props, context):
-    for call in bench_changed:
+    for call in on_bench_change:
         call(props.id_data)
 
 
 class HoloPathOptics(bpy.types.PropertyGroup):
-    """What `Scene.holopath.optics` holds."""
+    """Settings of the bench, `Scene.holopath.optics`."""
 
     beam: EnumProperty(
         name="Beam",
-        description="Light that falls on the SLM. The phases are found for it",
+        description="Light that falls on the SLM. Phases are encoded for it",
         items=_BEAM_KINDS,
         update=_changed,
     )
     tilt_deg: FloatVectorProperty(
         name="Tilt (°)",
-        description="Angles at which the beam runs to the right and up, in degrees",
+        description="Angles of the beam to the right and up, in degrees",
         size=2,
         min=-90.0,
         max=90.0,
@@ -80,8 +85,8 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     point_mm: FloatProperty(
         name="Distance (mm)",
-        description="Distance of the point before the SLM, in millimeters. If it is negative, the light runs to a "
-        "point behind the SLM",
+        description="Distance of the point before the SLM, in millimeters. If it is negative, the light converges to "
+        "a point behind the SLM",
         default=200.0,
         soft_min=-1000.0,
         soft_max=1000.0,
@@ -118,20 +123,20 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     beam_holds: EnumProperty(
         name="Numbers",
-        description="What the numbers of the file are; of any scale",
+        description="Quantity that the numbers of the file stand for, in any unit",
         items=_BEAM_FILES,
         update=_changed,
     )
     beam_phase: StringProperty(
         name="Phase File",
-        description="Array of the beam's phase at each pixel, in radians. Empty: it was not measured",
+        description="Array of the beam's phase at each pixel, in radians. Empty: not measured",
         subtype="FILE_PATH",
         options=RELATIVE,
         update=_changed,
     )
     carrier: EnumProperty(
         name="Carrier",
-        description="Where in the Fourier plane the middle of the picture's light lies",
+        description="Place of the center of the picture's light in the Fourier plane",
         items=_CARRIERS,
         update=_changed,
     )
@@ -148,13 +153,13 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     stop: EnumProperty(
         name="Stop",
-        description="What passes in the Fourier plane behind the SLM",
+        description="Opening in the Fourier plane behind the SLM, which light passes",
         items=_STOP_KINDS,
         update=_changed,
     )
     use_radius: BoolProperty(
         name="Radius",
-        description="Set the radius of the circle. Otherwise it is as large as it can be",
+        description="Set the radius of the circle. Otherwise it is as large as possible",
         update=_changed,
     )
     radius: FloatProperty(
@@ -233,7 +238,7 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     picture_mm: FloatProperty(
         name="Picture (mm)",
-        description="Distance of the plane around which the picture stands from the lens, in millimeters",
+        description="Distance from the lens to the plane around which the picture stands, in millimeters",
         default=50.0,
         min=1e-3,
         soft_max=1000.0,
@@ -243,13 +248,13 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     use_share: BoolProperty(
         name="Share",
-        description="Leave room beside the picture, in which few frames leave their errors. Otherwise it is as wide as "
-        "light of the pixels reaches",
+        description="Leave room beside the picture, where phases of few frames put their errors. Otherwise the picture "
+        "is as wide as the pixels' light reaches",
         update=_changed,
     )
     share: FloatProperty(
         name="Share",
-        description="Share of the width that light of the pixels reaches which the picture has",
+        description="Width of the picture as a fraction of the width that the pixels' light reaches",
         default=0.7,
         min=MIN_SHARE,
         max=1.0,
@@ -259,12 +264,12 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     colors_apart: BoolProperty(
         name="Colors Apart",
-        description="Lenses show each wavelength's picture elsewhere, or of another size. The phases make up for it",
+        description="Correct in the phases that lenses show each wavelength's picture at another place or size",
         update=_changed,
     )
     color_scale: FloatVectorProperty(
         name="Scale",
-        description="Magnification of each color's picture over what it should be. 1 is as it should be",
+        description="Magnification of each color's picture relative to the intended one. 1 is as intended",
         size=3,
         default=(1.0, 1.0, 1.0),
         min=0.5,
@@ -306,12 +311,20 @@ class HoloPathOptics(bpy.types.PropertyGroup):
 
 
 def optics_of(settings: Any) -> engine.Optics:
-    """Engine's optics of the scene's settings, `Scene.holopath`.
+    """Optics that a scene's settings describe.
+
+    Parameters
+    ----------
+    settings : properties.HoloPathSettings
+
+    Returns
+    -------
+    engine.Optics
 
     Raises
     ------
     engine.InvalidInput
-        If there can be no such bench, or a file cannot be read.
+        If there is no such bench, or a file cannot be read.
     engine.BackendUnavailable
         If the library for a file is not installed.
     """
@@ -327,7 +340,15 @@ def optics_of(settings: Any) -> engine.Optics:
 
 
 def set_colors(props: HoloPathOptics, colors: dict[str, Any]) -> None:
-    """Set where colors lie, given as `engine.Optics` takes it for one wavelength or three."""
+    """Set place and scale of colors.
+
+    Parameters
+    ----------
+    props : HoloPathOptics
+    colors : dict
+        Arguments of `engine.Optics` for one wavelength or three: ``color_scale``, ``color_distance``, meters, and
+        ``color_shift``, pairs of meters.
+    """
     shift = colors["color_shift"]
     numbers = {
         "color_scale": colors["color_scale"],
@@ -342,15 +363,15 @@ def set_colors(props: HoloPathOptics, colors: dict[str, Any]) -> None:
 
 
 def files_of(props: HoloPathOptics) -> dict[str, str]:
-    """Files that were measured and count, as the settings have them, by what they hold."""
-    found = {}
+    """Measured files that the settings use: ``amplitude``, ``intensity``, ``field``, ``phase`` or ``stop`` to path."""
+    files = {}
     if props.beam == "measured":
-        found[props.beam_holds] = props.beam_file
+        files[props.beam_holds] = props.beam_file
         if props.beam_phase and props.beam_holds != "field":
-            found["phase"] = props.beam_phase
+            files["phase"] = props.beam_phase
     if props.stop == "measured":
-        found["stop"] = props.stop_file
-    return found
+        files["stop"] = props.stop_file
+    return files
 
 
 def _beam(props):
@@ -384,7 +405,7 @@ def _stop(props):
 def _lens(props, depth_mapping):
     (focal,) = _all([props.focal_mm], 1e-3)
     distance: Any = _all([props.lens_distance_mm], 1e-3)[0] if props.use_lens_distance else None
-    if depth_mapping == "eyepiece":  # then no picture stands behind it
+    if depth_mapping == "eyepiece":  # no picture stands behind it
         return engine.Lens(focal, distance)
     (picture,) = _all([props.picture_mm], 1e-3) if props.use_picture_distance else (None,)
     (share,) = _all([props.share]) if props.use_share else (1.0,)
@@ -401,27 +422,29 @@ def _colors(props, count):
 
 
 def _all(values, unit=1.0):
+    """Tidy numbers in SI units."""
     return tuple(tidy(value) * unit for value in values)
 
 
-def _measured(what, files) -> Any:
-    """The beam or the stop of files."""
+def _measured(kind, files) -> Any:
+    """Measured beam or stop, by the word ``beam`` or ``stop``, from files by role."""
     if not all(files.values()):
-        raise engine.InvalidInput(f"A file of the measured {what} is missing: choose one, or another {what}.")
+        raise engine.InvalidInput(f"A file of the measured {kind} is missing: choose one, or another {kind}.")
     paths = tuple((role, Path(bpy.path.abspath(path))) for role, path in files.items())
-    return _read(what, paths, tuple(_stamp(path) for _, path in paths))
+    return _read(kind, paths, tuple(_stamp(path) for _, path in paths))
 
 
 @lru_cache(maxsize=4)
-def _read(what, paths, stamps):
-    """`_measured` of paths, read again once their stamps are others: panels ask whenever they are drawn."""
+def _read(kind, paths, stamps):
+    """Read `_measured` files when their stamps have changed: panels call this whenever they are drawn."""
     files = dict(paths)
-    return measured_beam(files) if what == "beam" else measured_stop(files["stop"])
+    return measured_beam(files) if kind == "beam" else measured_stop(files["stop"])
 
 
 def _stamp(path):
+    """Modification time and size of a file; None for a missing file."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return status.st_mtime_ns, status.st_size

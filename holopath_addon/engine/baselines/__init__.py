@@ -1,7 +1,7 @@
-"""The methods that wave path tracing is measured against, each from the same scene to a field for the same display.
+"""Methods to compare wave path tracing with: each goes from the same scene to a field for the same display.
 
-They are what their authors describe, as fast as that allows, but for the pictures of the scene that they start from:
-those Mitsuba renders, with mirrors, glass and all light.
+Each follows its authors' description, as fast as that allows, except for the images of the scene that it starts from:
+Mitsuba renders these, with mirrors, glass and all light.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 LIGHT_RANDOMNESS = (
     0.0,
     0.1,
-)  # of the phases of the scene's light, which stay as they are, by frames from one on
-# These find phases of the panel's own pixels; all others waves, which squares record, see `mapping`.
-OF_PIXELS = ("focal_stack", "light_field", "rgbd_descent")
-PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
+)  # randomness of fixed phases of the scene's light, for one frame, two frames and more
+# Modules that find phases of the panel's own pixels. All others give waves on square pixels, see `mapping`.
+PHASE_MODULES = ("focal_stack", "light_field", "rgbd_descent")
+PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # for each pixel of an image, by quality
 
 
 @dataclass(frozen=True)
 class BaselineInput:
-    """What a baseline is to show.
+    """Input of a baseline.
 
     Attributes
     ----------
@@ -54,13 +54,13 @@ class BaselineInput:
     camera : Camera
     hologram : Hologram
     settings : Settings
-        Frames, seed, quality and the longest path; `spp` sets the paths of a picture's pixel.
+        Frames, seed, quality and the longest path count; `spp` sets the number of paths for each pixel of an image.
     near : float
-        World depth of the volume's near end, metres.
+        World depth of the volume's near end, meters.
     z_low, z_high : float
-        Hologram-space depths between which surfaces were seen, metres from the SLM.
+        Range of hologram-space depths of the visible surfaces, meters from the SLM.
     notes : list of str
-        Takes what the user is to know of how it went.
+        Receives notes for the user.
     """
 
     scene: mi.Scene
@@ -79,7 +79,7 @@ class BaselineInput:
 
     @property
     def paths(self) -> int:
-        """Of a pixel of a picture."""
+        """Number of paths for each pixel of an image."""
         return self.settings.spp or PATHS[self.settings.quality]
 
     @property
@@ -89,20 +89,20 @@ class BaselineInput:
 
     @property
     def of_pictures(self) -> BaselineInput:
-        """The same on the grid of pictures, whose pixels are square and all colors' own."""
+        """The same input on the grid `Hologram.picture`, whose pixels are square and shared by all colors."""
         camera, square = squared(self.camera, self.hologram)
         return replace(self, camera=camera, hologram=square)
 
-    def at_pixels(self, picture: np.ndarray, colour: int, order: int = 1) -> np.ndarray:
-        """A picture on the grid `of_pictures` where the light of a wavelength has the panel's pixels.
+    def at_pixels(self, picture: np.ndarray, color: int, order: int = 1) -> np.ndarray:
+        """Resample an image from the grid `of_pictures` to the panel's pixels, where a wavelength's light has them.
 
         Parameters
         ----------
         picture : numpy.ndarray, shape (y, x)
-        colour : int
-            Number of the wavelength.
+        color : int
+            Index of the wavelength.
         order : int
-            Of the spline between pixels: 0 takes the nearest. Beyond the border it is that of the border.
+            Order of the spline between pixels; 0 takes the nearest. Values beyond the border are those of the border.
 
         Returns
         -------
@@ -110,15 +110,15 @@ class BaselineInput:
         """
         if self.hologram.plain:
             return picture
-        raster = self.hologram.raster(self.hologram.wavelengths[colour])
+        raster = self.hologram.raster(self.hologram.wavelengths[color])
         lines = raster.lines_on(self.hologram.picture.raster())
         places = (line.first + line.step * np.arange(line.count) for line in lines)
-        at = np.meshgrid(*places, indexing="ij")
-        return scipy.ndimage.map_coordinates(picture, at, order=order, mode="nearest")
+        coordinates = np.meshgrid(*places, indexing="ij")
+        return scipy.ndimage.map_coordinates(picture, coordinates, order=order, mode="nearest")
 
 
 def light_randomness(frames: int) -> float:
-    """How random the phases of a scene's light had best be for so many frames: 0, all the same, to 1, random.
+    """Best randomness of the phases of a scene's light for a number of frames: from 0, all equal, to 1, random.
 
     The fewer the frames, the less random (Yoo et al., Opt. Lett. 46, 4769 (2021)).
     """
@@ -126,22 +126,22 @@ def light_randomness(frames: int) -> float:
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """The wave at the SLM by the method of a job's settings, one of the `BASELINES`.
+    """Wave field at the SLM by the baseline that the settings name, one of `BASELINES`.
 
     Parameters
     ----------
     job : BaselineInput
     progress : callable
-        ``progress(done, message)``, may raise.
+        ``progress(done, message)``, may raise `Cancelled`.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
-        Of methods that find phases, the light of these, as bright as the scene.
+        As bright as the scene. Methods that find phases give the light of these, which has one modulus.
     """
     name = BASELINES[job.settings.method][0]
     module, hologram = importlib.import_module(f"{__name__}.{name}"), job.hologram
-    if hologram.plain or name in OF_PIXELS:
+    if hologram.plain or name in PHASE_MODULES:
         return module.field(job, progress)
     square = hologram.picture
     waves = module.field(job.of_pictures, progress)

@@ -21,32 +21,32 @@ DEPTHS = 7
 
 
 def planes_of(z_low: float, z_high: float) -> np.ndarray:
-    """Planes whose pictures are shown, evenly between two hologram-space depths, metres from the SLM."""
+    """Depths of the images, evenly between two hologram-space depths, meters from the SLM."""
     return np.linspace(z_low, z_high, DEPTHS if z_high > z_low else 1)
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """As of `layers.field`, of one modulus in each wavelength."""
+    """Light of phases; parameters and result as of `baselines.field`."""
     hologram = job.hologram
     slope = hologram.widest_slope
     planes = planes_of(job.z_low, job.z_high)
-    # noise of the pictures is what such phases are worst at
+    # more paths, because such phases are worst at showing noise
     paths = job.paths * len(hologram.wavelengths)
     stages = Stages(progress, "supervised")
-    told = parts(stages["images"], len(planes))
+    each_plane = parts(stages["images"], len(planes))
     stack = [
-        through_pupil(job.of_pictures, z, [(0.0, 0.0, slope)], of_plane, paths)[0]
-        for z, of_plane in zip(planes, told, strict=True)
+        through_pupil(job.of_pictures, z, [(0.0, 0.0, slope)], on_progress, paths)[0]
+        for z, on_progress in zip(planes, each_plane, strict=True)
     ]
 
-    def pictures(k, on):
+    def targets_of(k, on):
         wavelength = hologram.wavelengths[k]
         viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in planes]
-        wanted = TargetImages(
+        images = TargetImages(
             job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
         )
         for number, picture in enumerate(stack):
-            wanted.targets[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
-        return wanted
+            images.targets[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
+        return images
 
-    return phases_for(job, pictures, stages["phases"])
+    return phases_for(job, targets_of, stages["phases"])

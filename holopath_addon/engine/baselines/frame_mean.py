@@ -1,4 +1,4 @@
-"""The mean intensity of all frames against pictures, one picture a step."""
+"""Loss of the mean intensity of all frames against target images, one image in each step."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ if TYPE_CHECKING:
     from ..waves.supervision import Frames
     from ..waves.target_images import TargetImages
 
-DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
+MIN_AMPLITUDE = 1e-3  # divisor in the derivative of the root, fraction of a target's root mean square
 
 
 class FrameMean:
-    """Light of all frames, compared with pictures.
+    """Loss of the light of all frames against target images.
 
-    L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in a picture's plane, t what
-    is wanted there, and w = `TargetImages.weight`, so that independent frames have the loss 1/m in any picture. Or of
-    their amplitudes, L = sum over pixels of v (g sqrt(I) - sqrt(t))^2, with v = w t but for what is dark.
+    L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in an image's plane, t the
+    target there, and w = `TargetImages.weight`, so that m independent frames have the loss 1/m for any image. For
+    amplitudes L = sum over pixels of v (g sqrt(I) - sqrt(t))^2, with v = w t except in dark pixels.
 
     Parameters
     ----------
     pictures : TargetImages
     gain : float
-        Amplitude of the light sent in.
+        Amplitude g of the incident light.
     threads : Frames
     amplitudes : bool
-        Whether these are compared rather than intensities.
+        Whether to compare amplitudes instead of intensities.
     """
 
     def __init__(
@@ -41,29 +41,35 @@ class FrameMean:
         self._waves = None
 
     def weight(self, number: int) -> Array:
-        """Of the squared error of each pixel of a picture."""
+        """Weight of the squared error of each pixel of an image."""
         weight, target = self.pictures.weight(number), self.pictures.targets[number, ...]
         mean = arrays.namespace(target).mean(target)
         return weight * (target + DARK * mean) if self.amplitudes else weight
 
     def gradient(self, light: Array, number: int) -> tuple[float, Array]:
-        """Loss of a picture, and its gradient with respect to the light.
+        """Loss of an image, and its gradient with respect to the light.
+
+        Parameters
+        ----------
+        light : array, complex, shape (frame, y, x)
+        number : int
+            Index of the image.
 
         Returns
         -------
         loss : float
-        back : array
-            In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
+        back : array, complex, shape (frame, y, x)
+            G with dL = 2 Re sum conj(G) du, in memory that the next call overwrites.
         """
         pictures, (rows, columns) = self.pictures, self.pictures.shape
         xp, frames = arrays.namespace(light), light.shape[0]
         transfer = arrays.as_type(pictures.transfer(number), light.dtype)
-        waves = self._seen(light, transfer)
+        waves = self._propagate(light, transfer)
         target = pictures.targets[number, ...]
         scale = self.gain**2 / frames
         kind = "float32" if light.dtype == xp.complex64 else "float64"
         error, factor = (arrays.empty(target.shape, kind, light) for _ in range(2))
-        parts, dark = blocks(target), DARKEST * math.sqrt(xp.mean(target))
+        parts, dark = blocks(target), MIN_AMPLITUDE * math.sqrt(xp.mean(target))
 
         def compare(part):
             block = parts[part]
@@ -79,7 +85,7 @@ class FrameMean:
         self._threads.each(compare, len(parts))
         weighted = error * self.weight(number)
         loss = arrays.total(error * weighted)
-        slope = arrays.as_type(factor * weighted, light.dtype)  # a product of unlike numbers is slower
+        slope = arrays.as_type(factor * weighted, light.dtype)  # a product of different types is slower
         adjoint = xp.conj(transfer)
 
         def back(frame):
@@ -92,10 +98,13 @@ class FrameMean:
         self._threads.each(back, frames)
         return loss, waves[:, :rows, :columns]
 
-    def look(self, light: Array, number: int) -> Array:
-        """The picture as it is, without the gain."""
+    def image(self, light: Array, number: int) -> Array:
+        """Mean intensity of the frames in an image's plane, float32, shape (y, x); parameters as of `gradient`.
+
+        The gain does not count.
+        """
         rows, columns = self.pictures.shape
-        waves = self._seen(light, self.pictures.transfer(number))
+        waves = self._propagate(light, self.pictures.transfer(number))
         image = arrays.empty((rows, columns), "float32", light)
         parts = blocks(image)
 
@@ -105,25 +114,25 @@ class FrameMean:
         self._threads.each(add, len(parts))
         return image / light.shape[0]
 
-    def _seen(self, light, transfer):
-        """Waves in a picture's plane, on the padded grid."""
+    def _propagate(self, light, transfer):
+        """Waves in an image's plane, on the padded grid."""
         shape, (rows, columns) = (light.shape[0], *self.pictures.padded), self.pictures.shape
         if self._waves is None or self._waves.dtype != light.dtype or self._waves.shape != shape:
             self._waves = arrays.empty(shape, light.dtype, light)
 
-        def see(frame):
+        def propagate(frame):
             wave = self._waves[frame, ...]
             wave[:rows, :columns] = light[frame, ...]
             wave[rows:, :] = 0.0
             wave[:rows, columns:] = 0.0
             self._waves[frame, ...] = carried(wave, transfer)
 
-        self._threads.each(see, shape[0])
+        self._threads.each(propagate, shape[0])
         return self._waves
 
 
 def carried(wave: Array, transfer: Array) -> Array:
-    """A wave on another plane, in the memory of the first; with the conjugate transfer function, the adjoint."""
+    """Propagate a wave in its own memory; with the conjugate transfer function this is the adjoint."""
     spectrum = arrays.fft2(wave, overwrite=True)
     spectrum *= transfer
     return arrays.ifft2(spectrum, overwrite=True)

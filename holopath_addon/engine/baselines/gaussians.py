@@ -1,13 +1,13 @@
-"""Gaussians: flat Gaussian disks on the surfaces, their waves blended from the farthest to the nearest.
+"""Gaussians: flat Gaussian disks on the surfaces, whose waves are blended from the farthest to the nearest.
 
 Choi, Chao, Yang, Gopakumar and Wetzstein, Gaussian Wave Splatting for Computer-Generated Holography, ACM TOG 44(4)
 (2025), in the form with random phases of the same group, Chao et al., Random-phase Wave Splatting, arXiv:2508.17480:
 
     U <- sqrt(1 - a) P(U) + sqrt(a L) exp(i phi),    a = exp(-((x - x0)^2 + (y - y0)^2) / (2 sigma^2))
 
-with P the propagation to the next Gaussian, a its opacity and L its radiance. The phase phi is random all over its
-disk, from one to the next and from frame to frame, so that the frame mean of |U|^2 is blended just as radiance is. The
-first paper has one phase a Gaussian and blends amplitudes; spectra are then known in closed form, but as narrow as
+with P the propagation to the next Gaussian, a its opacity and L its radiance. The phase phi is random all over a
+disk, between disks and between frames, so that the frame mean of |U|^2 blends like radiance. The first paper has one
+phase for each Gaussian and blends amplitudes. Spectra are then known in closed form, but are as narrow as
 1 / (2 sqrt(2) pi sigma): with all in phase there is no speckle, and hardly any light outside the pupil's middle. PSNR
 of two balls before a wall at 256 x 256, mean over three foci, 8 frames, through the whole pupil and through a part a
 quarter as wide, 0.6 of its radius from the middle:
@@ -20,11 +20,11 @@ quarter as wide, 0.6 of its radius from the middle:
 At 64 frames the last reaches 26.0 dB with cells of up to 8 pixels as well as with one Gaussian a pixel (26.1 dB), as do
 RGB-D layers (26.0 dB); one random phase each 25.4 dB, and 23.5 dB if they are large.
 
-Gaussians are here not fitted to photographs: they are sampled from what the pupil's centre sees, one in each cell of
-a quadtree that is as coarse as radiance and depth allow, as wide and as inclined as the surface in it. Those that lie
-within half a depth of focus are side by side on one surface rather than behind each other: their opacities add up,
-until it is opaque, and a plane shows them all at once. What they cost is therefore what is seen, with FFTs the most of
-it. Radiance is the same from all over the pupil, and what its centre does not see is missing.
+Here Gaussians are not fitted to photographs. They are sampled from the view of the pupil's center, one in each cell of
+a quadtree that is as coarse as radiance and depth allow, with the width and slope of the surface in it. Those within
+half a depth of focus are taken to lie side by side on one surface: their opacities add up to 1 at most, and one plane
+holds them all. The cost therefore depends on the visible surfaces, and FFTs are most of it. Radiance is the same all
+over the pupil, and surfaces that its center does not see are missing.
 """
 
 from __future__ import annotations
@@ -44,25 +44,25 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from . import BaselineInput
 
-SIDES = (8, 4, 2, 1)  # pixels, of cells
-SIGMA = 0.5  # of a cell's side: opacities then add up to 1 or more at its corners
-CUT = 3.0  # standard deviations
-CONTRAST = 0.05  # of the white: most that amplitudes in a cell differ
+SIDES = (8, 4, 2, 1)  # of cells, pixels
+SIGMA = 0.5  # fraction of a cell's side: opacities then add up to 1 or more at its corners
+CUT = 3.0  # standard deviations at which disks end
+CONTRAST = 0.05  # maximum difference of amplitudes in a cell, fraction of the white
 CHUNK = 1 << 20  # pixels of Gaussians at a time
 
 
 @dataclass(frozen=True)
 class Gaussians:
-    """Gaussian disks as the pupil's centre sees them: as high as wide, one in each cell.
+    """Gaussian disks as the pupil's center sees them: round, one in each cell.
 
     Attributes
     ----------
     row, column : numpy.ndarray, shape (n,)
-        Of the centres, pixels.
+        Places of the centers, pixels.
     z, down, right : numpy.ndarray, shape (n,)
-        Distance of the centres from the SLM, metres, and how much it grows with each row and column.
+        Distance of the centers from the SLM, meters, and its growth with each row and column.
     side : numpy.ndarray of int, shape (n,)
-        Of the cells, pixels.
+        Sides of the cells, pixels.
     radiance : numpy.ndarray, shape (n, wavelength)
     """
 
@@ -76,21 +76,21 @@ class Gaussians:
 
     @classmethod
     def of(cls, radiance: np.ndarray, z: np.ndarray, thickness: float) -> Gaussians:
-        """Sampled from a picture with depth.
+        """Sample Gaussians from an image with depth.
 
         Parameters
         ----------
         radiance : numpy.ndarray, shape (wavelength, y, x)
         z : numpy.ndarray, shape (y, x)
-            Metres from the SLM.
+            Meters from the SLM.
         thickness : float
-            Most that the surface in a cell is off its Gaussian's plane, metres.
+            Maximum distance of the surface in a cell from its Gaussian's plane, meters.
         """
         amplitude = np.sqrt(radiance)
         contrast = CONTRAST * max(float(np.percentile(amplitude, 95)), 1e-12)
         slopes = np.stack([_slope(z, axis) for axis in (0, 1)])
-        left = np.ones(z.shape, bool)
-        found = []
+        free = np.ones(z.shape, bool)
+        parts = []
         for side in SIDES:
             depths, shades = _cells(z, side), _cells(amplitude, side)
             middle = 0.5 * (side - 1)
@@ -98,33 +98,33 @@ class Gaussians:
             slope = _cells(slopes, side).mean(-1)
             off = depths - depths.mean(-1, keepdims=True) - (slope[..., None] * place).sum(0)
             fits = (np.abs(off).max(-1) <= thickness) & (np.ptp(shades, -1) <= contrast).all(0)
-            chosen = _cells(left, side).all(-1) & (fits | (side == 1))
-            taken = np.kron(chosen, np.ones((side, side), bool))
-            left[: taken.shape[0], : taken.shape[1]] &= ~taken
-            rows, columns = np.nonzero(chosen)
-            down, right = slope[:, chosen]
-            found.append(
+            selection = _cells(free, side).all(-1) & (fits | (side == 1))
+            covered = np.kron(selection, np.ones((side, side), bool))
+            free[: covered.shape[0], : covered.shape[1]] &= ~covered
+            rows, columns = np.nonzero(selection)
+            down, right = slope[:, selection]
+            parts.append(
                 cls(
                     rows * side + middle,
                     columns * side + middle,
-                    depths.mean(-1)[chosen],
+                    depths.mean(-1)[selection],
                     down,
                     right,
                     np.full(len(rows), side),
-                    _cells(radiance, side).mean(-1)[:, chosen].T,
+                    _cells(radiance, side).mean(-1)[:, selection].T,
                 )
             )
-        return cls(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(cls)))
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def between(self, low: float, high: float, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """What of the disks lies between two depths, seen from the pupil's centre.
+        """Opacity and light of the parts of the disks between two depths, seen from the pupil's center.
 
         Parameters
         ----------
         low, high : float
-            Metres from the SLM.
+            Depth range, meters from the SLM.
         shape : (int, int)
-            Rows and columns.
+            Rows and columns of the images.
 
         Returns
         -------
@@ -138,9 +138,9 @@ class Gaussians:
             rise = (reach + 1) * (np.abs(self.down) + np.abs(self.right))
             touching = np.flatnonzero((self.side == side) & (self.z + rise >= low) & (self.z - rise <= high))
             offset = np.arange(-reach, reach + 1)
-            together = max(1, CHUNK // offset.size**2)
-            for first in range(0, len(touching), together):
-                part = touching[first : first + together, None, None]
+            batch_size = max(1, CHUNK // offset.size**2)
+            for first in range(0, len(touching), batch_size):
+                part = touching[first : first + batch_size, None, None]
                 row = np.floor(self.row[part]).astype(int) + offset[:, None]
                 column = np.floor(self.column[part]).astype(int) + offset
                 down, right = row - self.row[part], column - self.column[part]
@@ -158,26 +158,28 @@ class Gaussians:
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
+    """Wave field at the SLM; parameters and result as of `baselines.field`."""
+    radiance, z = picture_with_depth(job, lambda done, message: progress(0.3 * done, message))
+    gaussians = Gaussians.of(radiance, z, 0.25 * job.hologram.depth_of_focus)
+    depths, _ = sliced(job, z)
+    return blended(job, gaussians, depths, lambda done, message: progress(0.3 + 0.7 * done, message))
+
+
+def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progress: Progress) -> np.ndarray:
+    """Wave field at the SLM of Gaussians, each blended in the nearest of some planes.
+
+    Parameters
+    ----------
+    job : BaselineInput
+    gaussians : Gaussians
+    depths : numpy.ndarray
+        Planes from the farthest to the nearest, meters from the SLM.
+    progress : callable
+        ``progress(done, message)``, may raise `Cancelled`.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
-    """
-    radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
-    gaussians = Gaussians.of(radiance, z, 0.25 * job.hologram.depth_of_focus)
-    depths, _ = sliced(job, z)
-    return blended(job, gaussians, depths, lambda done, what: progress(0.3 + 0.7 * done, what))
-
-
-def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progress: Progress) -> np.ndarray:
-    """The wave at the SLM of Gaussians that are each blended in the plane next to it; parameters as of `field`.
-
-    Parameters
-    ----------
-    gaussians : Gaussians
-    depths : numpy.ndarray
-        Of the planes, from the farthest to the nearest, metres from the SLM.
     """
     hologram, frames = job.hologram, job.settings.frames
     waves = np.zeros((frames, len(hologram.wavelengths), *job.shape), np.complex64)
@@ -202,7 +204,7 @@ def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progre
 
 
 def _cells(values, side):
-    """Square cells of a picture, those cut by its edge left out: shape (..., row, column, pixel of the cell)."""
+    """Square cells of an image without those that its edge cuts: shape (..., row, column, pixel of the cell)."""
     rows, columns = values.shape[-2] // side, values.shape[-1] // side
     whole = values[..., : rows * side, : columns * side]
     whole = whole.reshape(*values.shape[:-2], rows, side, columns, side).swapaxes(-3, -2)
@@ -210,7 +212,7 @@ def _cells(values, side):
 
 
 def _slope(z, axis):
-    """Growth of z from pixel to pixel: of both neighbours' the smaller, which does not reach over an outline."""
+    """Growth of z from pixel to pixel: the smaller one of both sides, which does not cross an outline."""
     step = np.diff(z, axis=axis)
     before = np.concatenate([step.take([0], axis), step], axis)
     after = np.concatenate([step, step.take([-1], axis)], axis)

@@ -1,9 +1,9 @@
-"""Light field: phases that show pictures from all over the pupil (Choi et al., SIGGRAPH 2022, 32).
+"""Light field: phases that show views from all over the pupil (Choi et al., SIGGRAPH 2022, 32).
 
-What is seen from a part of the pupil is the light whose frequencies pass it. Parts are as wide as the spectrum of their
-window of nine pixels, and overlap: pictures from parts side by side say nothing about how the light of several parts
-adds up, so there is speckle where the whole pupil is open, and light is hidden where no part or only one sees it. With
-these parts some of the speckle is left.
+The view through a part of the pupil is the light whose frequencies pass it. Parts are as wide as the spectrum of the
+authors' window of nine pixels, and overlap. With adjacent parts the sum of the light of several parts would be free, so
+that there is speckle through the whole pupil, and phases would put light where no part, or only one, sees it. With
+these parts some of the speckle remains.
 """
 
 from __future__ import annotations
@@ -26,56 +26,56 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from . import BaselineInput
 
-# parts of the pupil, the whole of radius 1: how many on rings of what radius, and their own radius
+# Parts of the pupil, whose radius is 1: number and radius of each ring, and the parts' own radius.
 RINGS = ((1, 0.0), (6, 0.475), (12, 0.85))
 PART = 0.5
-PICTURES = 7  # of a focal stack: a light field takes as many paths in all
+PICTURES = 7  # images of a focal stack, whose number of paths a light field shares
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """As of `layers.field`, of one modulus in each wavelength."""
+    """Light of phases; parameters and result as of `baselines.field`."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
-    squares, disks, colours = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
-    paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
+    squares, disks, colors = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
+    paths = math.ceil(job.paths * PICTURES / (len(disks) * colors))
     views = []
     stages = Stages(progress, "supervised")
-    told = parts(stages["images"], colours)
-    for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
+    each_color = parts(stages["images"], colors)
+    for wavelength, on_progress in zip(hologram.wavelengths, each_color, strict=True):
         slope = hologram.max_slope(wavelength)
         own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
-        views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
+        views.append(through_pupil(own, z, scaled, on_progress, paths)[:, 0])
 
-    def pictures(k, on):
-        # the edge of the cone is at half a cycle a pixel; rows go down
+    def targets_of(k, on):
+        # the edge of the cone is at half a cycle per pixel; rows run down
         wavelength = hologram.wavelengths[k]
         distance = z - hologram.distance_at(wavelength)
         viewpoints = [Viewpoint(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on)
+        images = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on)
         for number, view in enumerate(views[k]):
-            seen = wanted.share(number) * job.at_pixels(view, k)
-            wanted.targets[number, ...] = arrays.like(seen, on, "float32")
-        return wanted
+            target = images.band_fraction(number) * job.at_pixels(view, k)
+            images.targets[number, ...] = arrays.like(target, on, "float32")
+        return images
 
-    return phases_for(job, pictures, stages["phases"], whole=False)
+    return phases_for(job, targets_of, stages["phases"], whole=False)
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:
-    """Centres of equal disks that cover the unit disk, on `RINGS`."""
-    turns = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
-    return [(radius * math.cos(turn), radius * math.sin(turn)) for radius, turn in turns]
+    """Centers of equal disks that cover the unit disk, on `RINGS`."""
+    polar = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
+    return [(radius * math.cos(angle), radius * math.sin(angle)) for radius, angle in polar]
 
 
 class _Views(TargetImages):
     """Target images through parts of the pupil."""
 
-    def share(self, number):
-        """Part of the light in the band that a viewpoint lets through."""
+    def band_fraction(self, number):
+        """Fraction of the light in the band that passes a viewpoint."""
         passes = self.viewpoints[number].passes(self.padded, self.space.pitch)
         return float((passes & self.space.band).sum() / self.space.band.sum())
 
     def weight(self, number):
-        """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
+        """Weight of each pixel; 0 for those that light from the SLM does not reach through the part."""
         viewpoint, space = self.viewpoints[number], self.space
         inside = []
         for count, frequency, pitch in zip(

@@ -1,22 +1,22 @@
-"""A network of your own: a function from a picture with depth to a field, as learned methods have it.
+"""A network of your own: a function from an image with depth to a field, as in learned methods.
 
-Such methods learn the field of RGB-D layers (Shi et al., Nature 591, 234 (2021)) or phases that show a picture (Peng et
-al., ACM TOG 39(6), 185 (2020)). HoloPath brings no network: the environment variable HOLOPATH_NETWORK names a function,
-``package.module:function`` or ``/path/to/file.py:function``, which is called once a frame as
+Such methods learn the field of RGB-D layers (Shi et al., Nature 591, 234 (2021)) or phases that show an image (Peng et
+al., ACM TOG 39(6), 185 (2020)). HoloPath brings no network. The environment variable HOLOPATH_NETWORK names a function,
+``package.module:function`` or ``/path/to/file.py:function``, which is called once for each frame as
 
     function(rgb, z, hologram, frame)
 
-    rgb       numpy.ndarray, float32, shape (y, x, wavelength): linear radiance from the pupil's centre, top row first
-    z         numpy.ndarray, float32, shape (y, x): of the surface at each pixel, metres from the SLM
+    rgb       numpy.ndarray, float32, shape (y, x, wavelength): linear radiance from the pupil's center, top row first
+    z         numpy.ndarray, float32, shape (y, x): of the surface at each pixel, meters from the SLM
     hologram  Hologram: pitch, wavelengths, depths; light runs to +z, time dependence exp(-i omega t)
     frame     int, from 0
 
-and returns numpy.ndarray, complex64, shape (wavelength, y, x): the wave at the SLM, of which the frame mean of the
-intensity, refocused at a surface, is meant to be its radiance. Nothing is scaled afterwards.
+and returns numpy.ndarray, complex64, shape (wavelength, y, x): the wave at the SLM. Refocused at a surface, the frame
+mean of its intensity should be the surface's radiance. HoloPath does not scale it.
 
-The function is code of yours that runs with all your rights, in this process: name only what you trust. HoloPath itself
-loads no weights, pickled or not. What a picture with depth does not hold no network can show: what lies behind edges,
-several depths along a ray, light that differs across the pupil.
+The function is your code and runs with all your rights in this process: name only code that you trust. HoloPath itself
+loads no weights, pickled or not. No network can show what an image with depth does not contain: surfaces behind edges,
+several depths along a ray, and light that differs across the pupil.
 """
 
 from __future__ import annotations
@@ -41,10 +41,16 @@ VARIABLE = "HOLOPATH_NETWORK"
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """As of `layers.field`, by the function that HOLOPATH_NETWORK names."""
+    """Wave field by the function that HOLOPATH_NETWORK names; parameters and result as of `baselines.field`.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such function, or it fails or returns something else than it should.
+    """
     name = os.environ.get(VARIABLE, "")
-    function = named(name)
-    radiance, z = picture_with_depth(job, lambda done, what: progress(0.5 * done, what))
+    function = load_function(name)
+    radiance, z = picture_with_depth(job, lambda done, message: progress(0.5 * done, message))
     out = np.empty((job.settings.frames, *radiance.shape), np.complex64)
     rgb, z = np.moveaxis(radiance, 0, -1), z.astype(np.float32)
     for m in range(len(out)):
@@ -55,14 +61,14 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             if cancelled(error):
                 raise
             raise InvalidInput(
-                f"The network '{name}' failed in frame {m} ({_told(error)}): mend the function."
+                f"The network '{name}' failed in frame {m} ({_one_line(error)}). Fix the function."
             ) from error
-        out[m] = checked(wave, radiance.shape, f"The network '{name}' returned in frame {m}")
+        out[m] = checked(wave, radiance.shape, f"from the network '{name}' in frame {m}")
     return out
 
 
-def named(name: str) -> Callable:
-    """The function of a name.
+def load_function(name: str) -> Callable:
+    """Import a function by its name.
 
     Parameters
     ----------
@@ -76,39 +82,44 @@ def named(name: str) -> Callable:
     Raises
     ------
     InvalidInput
+        If the name has another form, the module cannot be imported, or it has no such function.
     """
     if not name:
         raise InvalidInput(
-            f"The method 'network' needs a function of yours: set the environment variable {VARIABLE} to "
+            f"The method 'network' needs your own function. Set the environment variable {VARIABLE} to "
             "'package.module:function' or '/path/to/file.py:function' and start again."
         )
-    where, _, what = name.rpartition(":")
-    if not where or not what:
+    module_name, _, function_name = name.rpartition(":")
+    if not module_name or not function_name:
         raise InvalidInput(
-            f"{VARIABLE} is '{name}': write 'package.module:function' or '/path/to/file.py:function'."
+            f"Expected {VARIABLE} as 'package.module:function' or '/path/to/file.py:function', got '{name}'."
         )
     try:
-        module = _file(where) if where.endswith(".py") else importlib.import_module(where)
+        is_file = module_name.endswith(".py")
+        module = _import_file(module_name) if is_file else importlib.import_module(module_name)
     except Exception as error:
         raise InvalidInput(
-            f"{VARIABLE} names '{where}', which cannot be loaded ({_told(error)}): mend the name or the code."
+            f"{VARIABLE} names '{module_name}', which cannot be loaded ({_one_line(error)}). Fix the name or the code."
         ) from error
-    function = getattr(module, what, None)
+    function = getattr(module, function_name, None)
     if not callable(function):
-        raise InvalidInput(f"{VARIABLE} names '{where}', which has no function '{what}': mend the name.")
+        raise InvalidInput(
+            f"{VARIABLE} names '{module_name}', which has no function '{function_name}'. Fix the name."
+        )
     return function
 
 
-def checked(wave: object, shape: tuple[int, ...], returned: str) -> np.ndarray:
-    """A wave as a network should return it.
+def checked(wave: object, shape: tuple[int, ...], source: str) -> np.ndarray:
+    """Return a wave if it is what a network should return.
 
     Parameters
     ----------
     wave : object
-    shape : tuple of int
+        Result of the network.
+    shape : (int, int, int)
         Wavelengths, rows and columns.
-    returned : str
-        Begin of the sentence that says what is wrong.
+    source : str
+        Origin of the wave, for the message.
 
     Returns
     -------
@@ -117,18 +128,19 @@ def checked(wave: object, shape: tuple[int, ...], returned: str) -> np.ndarray:
     Raises
     ------
     InvalidInput
+        If it has another type or shape, or numbers that are not finite.
     """
     if not isinstance(wave, np.ndarray) or wave.dtype != np.complex64:
         kind = f"an array of {wave.dtype}" if isinstance(wave, np.ndarray) else type(wave).__name__
-        raise InvalidInput(f"{returned} {kind}: return a NumPy array of complex64.")
+        raise InvalidInput(f"Expected a NumPy array of complex64 {source}, got {kind}.")
     if wave.shape != shape:
-        raise InvalidInput(f"{returned} the shape {wave.shape}: return (wavelength, y, x), here {shape}.")
+        raise InvalidInput(f"Expected the shape (wavelength, y, x) = {shape} {source}, got {wave.shape}.")
     if not np.isfinite(wave).all():
-        raise InvalidInput(f"{returned} values that are not finite: return finite numbers only.")
+        raise InvalidInput(f"Expected finite numbers {source}, got NaN or infinity.")
     return wave
 
 
-def _file(path):
+def _import_file(path):
     specification = importlib.util.spec_from_file_location("holopath_network", path)
     if specification is None or specification.loader is None:
         raise ImportError("no Python file")
@@ -137,6 +149,6 @@ def _file(path):
     return module
 
 
-def _told(error):
+def _one_line(error):
     """An error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")

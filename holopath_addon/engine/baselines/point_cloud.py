@@ -1,16 +1,16 @@
-"""Point cloud: a spherical wave from each visible surface point, by a look-up table near recording planes.
+"""Point cloud: a spherical wave from each visible surface point, by a lookup table near recording planes.
 
     U(x, z_p) = sum_q sqrt(L_q) exp(i phi_q) h(x - x_q, z_p - z_q)    (Waters, Appl. Phys. Lett. 9, 405 (1966))
 
 summed on planes z_p amid the points, where each point's wave h is a few pixels wide (Shimobaba, Masuda and Ito, Opt.
 Lett. 34, 3133 (2009)), and from these propagated to the SLM by the angular spectrum method. h is looked up in a table
-of depths (Lucente, J. Electron. Imaging 2, 28 (1993)); there are as many planes as are fast (two: Phan et al., Appl.
-Opt. 53, 4817 (2014)). Points seen from the pupil's centre are one a pixel, hence sorted into a grid already, and every
+of depths (Lucente, J. Electron. Imaging 2, 28 (1993)); the number of planes is the fastest one (two: Phan et al., Appl.
+Opt. 53, 4817 (2014)). The pupil's center sees one point in each pixel, so that the points form a grid already, and each
 pixel of a plane gathers those within its reach, for all frames and wavelengths at once.
 
-phi is random, alike in all wavelengths, and takes in the carrier exp(i k z). Points do not hide one another: what an
-edge hides from elsewhere in the pupil shines through, and what is seen only from there is missing. Each point shines
-alike in all directions, and a mirror or a glass shows its picture on its own surface.
+phi is random, the same in all wavelengths, and includes the carrier exp(i k z). Points do not occlude one another:
+points that an edge hides from other parts of the pupil shine through, and surfaces seen only from there are missing.
+Each point has the same radiance in all directions; mirrors and glass show their image on their own surface.
 """
 
 from __future__ import annotations
@@ -44,21 +44,16 @@ if TYPE_CHECKING:
     from ..progress import PartProgress, Progress
     from . import BaselineInput
 
-CONE, TAIL = 1.15, 2.0  # reach of a sub-hologram: times the recordable cone, and pixels more
-PLANE_POINTS = 100  # each pixel gathers in the time in which fields are propagated on to the next plane
-MOST_PLANES = 64
-DEPTHS = 4096  # that points are told apart by where planes are placed
-CHUNK_POINTS = 1 << 24  # gathered between two looks at progress and cancel
+CONE, TAIL = 1.15, 2.0  # reach of a sub-hologram: factor of the recordable cone's, and pixels to add
+PLANE_POINTS = 100  # points that each pixel gathers in the time of propagation to the next plane
+MAX_PLANES = 64
+DEPTHS = 4096  # resolution of depths for the placement of planes
+CHUNK_POINTS = 1 << 24  # gathered between two calls of progress
 CHUNK_BYTES = 1 << 27  # of their sums
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
-
-    Returns
-    -------
-    numpy.ndarray, complex64, shape (frame, wavelength, y, x)
-    """
+    """Wave field at the SLM; parameters and result as of `baselines.field`."""
     hologram, frames = job.hologram, range(job.settings.frames)
     stages = Stages(progress, "points")
     radiance, z = picture_with_depth(job, stages["image"])
@@ -72,52 +67,60 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     ]
     amplitude = np.sqrt(radiance) * np.float32(gain_for(job.settings.frames))
     out = np.zeros((len(frames), *radiance.shape), np.complex64)
-    told = parts(stages["waves"], len(planes))
-    for number, of_plane in zip(reversed(range(len(planes))), told, strict=True):  # towards the SLM
-        here = np.where(slab == number, amplitude, 0)
-        at = Stages(of_plane, "plane of points")
-        gathered, propagated = (named(at[name], "Points") for name in ("points", "propagation"))
-        gather(out, waves, planes[number] - z, here, groups, phasors, gathered)
+    each_plane = parts(stages["waves"], len(planes))
+    for number, on_plane in zip(reversed(range(len(planes))), each_plane, strict=True):  # towards the SLM
+        points = np.where(slab == number, amplitude, 0)
+        plane_stages = Stages(on_plane, "plane of points")
+        on_points, on_propagation = (
+            named(plane_stages[each], "Points") for each in ("points", "propagation")
+        )
+        gather(out, waves, planes[number] - z, points, groups, phasors, on_points)
         step = (planes[number - 1] if number else 0.0) - planes[number]
-        propagate(out, hologram, step, propagated)
+        propagate(out, hologram, step, on_propagation)
     return out
 
 
 def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
-    """Ends (low, high), metres from the SLM, of the slabs that have a recording plane in their middle each.
+    """Slabs of the depths, each with a recording plane in its middle: ends (low, high) in meters from the SLM.
 
-    As many as take the least time, where a pixel gathers pi R^2 points from a slab, R the reach of its outermost.
+    Their number takes the least time, where a pixel gathers pi R^2 points from a slab, R the reach of its outermost.
+
+    Parameters
+    ----------
+    hologram : Hologram
+    z : numpy.ndarray
+        Depths of the points, meters from the SLM.
     """
     low, high = float(z.min()), float(z.max())
     depths = low + np.unique(np.round((z - low) / max(high - low, 1e-12) * DEPTHS)) / DEPTHS * (high - low)
-    best, least = [], math.inf
-    for count in range(1, MOST_PLANES + 1):
-        if PLANE_POINTS * count > least:
+    best, min_cost = [], math.inf
+    for count in range(1, MAX_PLANES + 1):
+        if PLANE_POINTS * count > min_cost:
             break
         slabs = depth_slabs(depths, count)
         points = sum(math.pi * reach(hologram, 0.5 * (end - begin)) ** 2 for begin, end in slabs)
-        if points + PLANE_POINTS * count < least:
-            best, least = slabs, points + PLANE_POINTS * count
+        if points + PLANE_POINTS * count < min_cost:
+            best, min_cost = slabs, points + PLANE_POINTS * count
     return best
 
 
 def reach(hologram: Hologram, distance: ArrayLike) -> Any:
-    """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
+    """Radius in pixels of the sub-hologram of a point at a distance in meters from the plane."""
     return CONE * hologram.widest_slope * np.abs(distance) / hologram.pitch + TAIL
 
 
 @dataclass(frozen=True)
 class SubHolograms:
-    """The waves h of points at all distances from a plane: the look-up table.
+    """Lookup table of the waves h of points at all distances from a plane.
 
     Attributes
     ----------
     values : numpy.ndarray, complex64, shape (level, |y|, |x|, wavelength)
-        By pixels from the point, which lies before the plane; beyond it the wave is the conjugate.
+        Waves by pixels from the point, for points before the plane; behind it the wave is the conjugate.
     radii : numpy.ndarray, shape (level,)
-        Reach in pixels; dark beyond.
+        Radius in pixels; the wave is 0 outside.
     scale : float
-        Levels a metre.
+        Levels per meter.
     """
 
     values: np.ndarray
@@ -126,10 +129,17 @@ class SubHolograms:
 
     @classmethod
     def of(cls, hologram: Hologram, limit: float) -> SubHolograms:
-        """Of points up to a distance in metres.
+        """Compute the table for points up to a distance.
 
-        h(x, d) = inverse DFT of exp(-i d (k - kz)), even in both frequencies, hence a cosine transform. What lies
-        beyond the recordable circle is left in, for propagation cuts it: a wave without an edge there is narrower.
+        h(x, d) = inverse DFT of exp(-i d (k - kz)), even in both frequencies, hence a cosine transform. Frequencies
+        outside the recordable circle remain, because propagation removes them: without an edge there waves are
+        narrower.
+
+        Parameters
+        ----------
+        hologram : Hologram
+        limit : float
+            Largest distance from the plane, meters.
         """
         limit = limit + 1e-9
         widest = reach(hologram, limit)
@@ -144,8 +154,8 @@ class SubHolograms:
         values = np.empty((levels, side, side, len(hologram.wavelengths)), np.complex64)
         for k, wavelength in enumerate(hologram.wavelengths):
             u = (wavelength / hologram.pitch) ** 2 * squared
-            lag = (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
-            phase = -distances[:, None, None].astype(np.float32) * lag.astype(np.float32)
+            retardation = (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))  # k - kz
+            phase = -distances[:, None, None].astype(np.float32) * retardation.astype(np.float32)
             waves = scipy.fft.dctn(np.exp(1j * phase), 1, axes=(1, 2))
             values[..., k] = waves[:, :side, :side] / (2 * half) ** 2
         values[from_point > radii[:, None, None]] = 0
@@ -153,7 +163,7 @@ class SubHolograms:
 
     @property
     def margin(self) -> int:
-        """Pixels that the widest reaches."""
+        """Radius of the widest wave, pixels."""
         return self.values.shape[1] - 1
 
 
@@ -171,26 +181,27 @@ def gather(
     Parameters
     ----------
     out : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
+        Fields to add to.
     waves : SubHolograms
     distance : numpy.ndarray, shape (y, x)
-        From each pixel's point on to the plane, metres.
+        Distance from each pixel's point to the plane, meters.
     amplitude : numpy.ndarray, shape (wavelength, y, x)
-        Of the points; zero where there is none.
+        Amplitudes of the points; 0 where there is none.
     groups : list of range
         Frames that are summed together.
     phasors : list
-        `packed_phasors` of each group's frames, with the widest wave's margin around.
+        `packed_phasors` of each group's frames, padded by the margin of `waves`.
     progress : callable
-        ``progress(done)``, may raise.
+        ``progress(done)``, may raise `Cancelled`.
     """
-    frames, colours, height, width = out.shape
+    frames, colors, height, width = out.shape
     margin, side, stride = waves.margin, waves.margin + 1, width + 2 * waves.margin
     level = distance * waves.scale
     points = np.pad(np.stack([level, *amplitude]), ((0, 0), (margin, margin), (margin, margin)))
-    points = packed(points.reshape(colours + 1, -1).T.astype(np.float32))
-    table = packed(waves.values.reshape(-1, colours).view(np.float32))
+    points = packed(points.reshape(colors + 1, -1).T.astype(np.float32))
+    table = packed(waves.values.reshape(-1, colors).view(np.float32))
 
-    # outwards: how far on from the pixel the point lies, wrapped where it lies back, and what to look up for it
+    # By growing distance: offset of the point from the pixel in the flat grid, modulo 2^32, and its table entry.
     down, right = np.mgrid[-margin:side, -margin:side].reshape(2, -1)
     order = np.argsort(np.hypot(down, right), kind="stable")
     down, right = down[order], right[order]
@@ -198,7 +209,7 @@ def gather(
         np.stack([down * stride + right, abs(down) * side + abs(right)], axis=-1).astype(np.uint32)
     )
 
-    # each pixel goes as far as the widest wave around it
+    # Each pixel gathers from as far as the widest wave around it.
     radius = waves.radii[np.minimum(abs(level).astype(int), len(waves.radii) - 1)] * amplitude.any(0)
     radius = scipy.ndimage.maximum_filter(radius, 2 * int(radius.max()) + 1, mode="constant")
     counts = np.where(radius > 0, np.searchsorted(np.hypot(down, right), radius, "right"), 0).ravel()
@@ -206,13 +217,13 @@ def gather(
     counts = counts[pixels]
     places = (pixels // width + margin) * stride + pixels % width + margin
 
-    together = min(CHUNK_BYTES // (8 * len(groups[0]) * colours), CHUNK_POINTS // counts.max(initial=1))
-    out, done = out.reshape(frames, colours, -1), 0
+    chunk = min(CHUNK_BYTES // (8 * len(groups[0]) * colors), CHUNK_POINTS // counts.max(initial=1))
+    out, done = out.reshape(frames, colors, -1), 0
     for group, phasor in zip(groups, phasors, strict=True):
-        for first in range(0, len(pixels), together):
-            part = slice(first, first + together)
+        for first in range(0, len(pixels), chunk):
+            part = slice(first, first + chunk)
             sums = _gathered(places[part], counts[part], steps, points, phasor, len(group), table, waves)
-            for number, (k, m) in enumerate(np.ndindex(colours, len(group))):
+            for number, (k, m) in enumerate(np.ndindex(colors, len(group))):
                 real, imaginary = (np.asarray(sums[2 * number + n]) for n in (0, 1))
                 out[group[m], k, pixels[part]] += (real + 1j * imaginary) / PHASOR_SCALE
             done += counts[part].sum()
@@ -220,18 +231,18 @@ def gather(
 
 
 def _gathered(places, counts, steps, points, phasors, frames, table, waves):
-    """Sums of the first `counts` of the steps from each of some places, as parts by wavelength and frame."""
-    levels, side, _, colours = waves.values.shape
+    """Sums over the first `counts` of the steps from each place: real and imaginary parts by wavelength and frame."""
+    levels, side, _, colors = waves.values.shape
     place, limit = (loaded(mi.UInt32, values) for values in (places, counts))
     size, last = dr.opaque(mi.UInt32, side * side), dr.opaque(mi.Float, levels - 1)
 
     def body(step, sums):
         on, entry = gather_row(steps, step, 2)
-        level, *amplitude = gather_row(points, place + on, 1 + colours)
+        level, *amplitude = gather_row(points, place + on, 1 + colors)
         phasor = gather_phasors(phasors, place + on, frames)
-        wave = gather_row(table, mi.UInt32(dr.minimum(dr.abs(level), last)) * size + entry, 2 * colours)
+        wave = gather_row(table, mi.UInt32(dr.minimum(dr.abs(level), last)) * size + entry, 2 * colors)
         sums = list(sums)
-        for k in range(colours):
+        for k in range(colors):
             real, imaginary = amplitude[k] * wave[2 * k], amplitude[k] * wave[2 * k + 1]
             imaginary = dr.select(level < 0, -imaginary, imaginary)
             for m in range(frames):
@@ -240,18 +251,28 @@ def _gathered(places, counts, steps, points, phasors, frames, table, waves):
                 sums[at + 1] = dr.fma(real, sine, dr.fma(imaginary, cosine, sums[at + 1]))
         return step + 1, sums
 
-    state = (mi.UInt32(0), [dr.zeros(mi.Float, len(places)) for _ in range(2 * frames * colours)])
+    state = (mi.UInt32(0), [dr.zeros(mi.Float, len(places)) for _ in range(2 * frames * colors)])
     _, sums = dr.while_loop(state, lambda step, *_: step < limit, body, label="point cloud")
     dr.eval(sums)
     return sums
 
 
 def propagate(out: np.ndarray, hologram: Hologram, distance: float, progress: PartProgress) -> None:
-    """Propagate fields, shape (frame, wavelength, y, x), by a distance in metres, in place."""
-    frames, colours, *shape = out.shape
+    """Propagate fields in place.
+
+    Parameters
+    ----------
+    out : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
+    hologram : Hologram
+    distance : float
+        Meters, positive towards the viewer.
+    progress : callable
+        ``progress(done)``, may raise `Cancelled`.
+    """
+    frames, colors, *shape = out.shape
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(shape, hologram.pitch, wavelength, distance)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         for m in range(frames):
             out[m, k] = field_of(spectrum(out[m, k], padded) * transfer, shape)
-            progress((k * frames + m + 1) / (colours * frames))
+            progress((k * frames + m + 1) / (colors * frames))

@@ -1,7 +1,7 @@
-"""RGB-D descent: phases that show a picture with depth sharp where it is in focus.
+"""RGB-D descent: phases that show an image with depth sharp on its layers.
 
-Choi et al., ACM TOG 40(6), 240 (2021). On each layer only the pixels are compared whose surfaces lie on it: what is out
-of focus is as it comes.
+Choi et al., ACM TOG 40(6), 240 (2021). On each layer only the pixels of its own surfaces are compared; light that is
+out of focus is free.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ if TYPE_CHECKING:
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
-    """As of `layers.field`, of one modulus in each wavelength."""
+    """Light of phases; parameters and result as of `baselines.field`."""
     hologram = job.hologram
-    radiance, z = picture_with_depth(job.of_pictures, lambda done, what: progress(0.3 * done, what))
+    radiance, z = picture_with_depth(job.of_pictures, lambda done, message: progress(0.3 * done, message))
     depths, number = sliced(job, z)
 
-    def pictures(k, on):
+    def targets_of(k, on):
         wavelength = hologram.wavelengths[k]
         viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in depths]
-        wanted = _OnLayers(
+        images = _OnLayers(
             job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
         )
         light, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
-        wanted.radiance = arrays.like(light, on)
+        images.radiance = arrays.like(light, on)
         for layer in range(len(depths)):
-            wanted.targets[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
-        return wanted
+            images.targets[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
+        return images
 
-    return phases_for(job, pictures, lambda done, what: progress(0.3 + 0.7 * done, what))
+    return phases_for(job, targets_of, lambda done, message: progress(0.3 + 0.7 * done, message))
 
 
 class _OnLayers(TargetImages):
-    """Target images of which only what is in focus counts."""
+    """Target images of which only the parts in focus count."""
 
     radiance = None
 

@@ -1,4 +1,4 @@
-"""Pictures of the scene that baselines start from, by Mitsuba's path tracer."""
+"""Images of the scene that baselines start from, by Mitsuba's path tracer."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 
 def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance and depth of what is seen from the pupil's centre.
+    """Radiance and depth as seen from the pupil's center.
 
     Parameters
     ----------
     job : BaselineInput
     progress : callable
-        ``progress(done, message)``, may raise.
+        ``progress(done, message)``, may raise `Cancelled`.
 
     Returns
     -------
     radiance : numpy.ndarray, float32, shape (wavelength, y, x)
     z : numpy.ndarray, float64, shape (y, x)
-        Metres from the SLM, of the surface at each pixel's centre; the volume's far end where there is none.
+        Depth of the surface at each pixel's center, meters from the SLM; the volume's far end where there is none.
     """
     settings, size = job.settings, (job.hologram.width, job.hologram.height)
 
@@ -46,14 +46,15 @@ def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarr
     return radiance, np.clip(z, job.z_low, job.z_high)
 
 
-def in_each_wavelength(job: BaselineInput, colours: Callable[[], np.ndarray]) -> np.ndarray:
-    """Radiance in each wavelength of a hologram, as far as the scene tells them apart.
+def in_each_wavelength(job: BaselineInput, colors: Callable[[], np.ndarray]) -> np.ndarray:
+    """Radiance in each wavelength of a hologram, with the scene's indices of refraction for that wavelength.
 
     Parameters
     ----------
     job : BaselineInput
-    colours : callable
-        ``colours()`` gives red, green and blue along the first axis, of the scene as it is tuned then.
+    colors : callable
+        ``colors()`` gives red, green and blue along the first axis. It is called once for each group of wavelengths
+        with the same indices of refraction, with the scene tuned to them.
 
     Returns
     -------
@@ -64,38 +65,38 @@ def in_each_wavelength(job: BaselineInput, colours: Callable[[], np.ndarray]) ->
     radiance = {}
     for group in wavelength_groups(job.scene, job.hologram.wavelengths):
         with tuned(job.scene, group):
-            found = colours()
-        radiance |= {wavelength: found[channel(wavelength)] for wavelength in group}
+            rgb = colors()
+        radiance |= {wavelength: rgb[channel(wavelength)] for wavelength in group}
     return np.stack([radiance[wavelength] for wavelength in job.hologram.wavelengths])
 
 
 def through_pupil(
     job: BaselineInput, z: float, parts: Sequence[tuple[float, float, float]], progress: Progress, paths: int
 ) -> np.ndarray:
-    """Pictures focused at a depth through parts of the pupil.
+    """Images focused at a depth through parts of the pupil.
 
     Parameters
     ----------
     job : BaselineInput
     z : float
-        Metres from the SLM.
+        Depth in focus, meters from the SLM.
     parts : sequence of (float, float, float)
-        Centre, to the right and up, and radius of each part, in slopes of the light that comes through it. What is
-        beyond a wavelength's own cone is not open.
+        Center, to the right and up, and radius of each part, in slopes of the light that comes through it. Each
+        wavelength's own cone limits the open part.
     progress : callable
-        ``progress(done, message)``, may raise.
+        ``progress(done, message)``, may raise `Cancelled`.
     paths : int
-        Of a pixel of a picture, all wavelengths together.
+        Number of paths for each pixel of an image, all wavelengths together.
 
     Returns
     -------
     numpy.ndarray, float32, shape (part, wavelength, y, x)
-        Means over what is open of each part; black where nothing is.
+        Means over the open part; black where nothing is open.
     """
     scale, count = job.mapping.pupil_radius(1.0), len(job.hologram.wavelengths)
-    pictures = []
+    images = []
     for number, (x, y, radius) in enumerate(parts):
-        picture = reference(
+        image = reference(
             job.scene,
             job.camera,
             job.hologram,
@@ -107,5 +108,5 @@ def through_pupil(
             lambda done, _, number=number: progress((number + done) / len(parts), "Pictures"),
             job.settings.seed + number,
         )
-        pictures.append(np.moveaxis(picture[0], -1, 0))
-    return np.stack(pictures)
+        images.append(np.moveaxis(image[0], -1, 0))
+    return np.stack(images)

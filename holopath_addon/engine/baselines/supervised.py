@@ -1,15 +1,15 @@
-"""Phases that show given pictures, found by gradient descent: what methods from pictures share.
+"""Gradient descent for phases that show target images, shared by the methods that start from images.
 
-The frame mean of the light's intensity is compared with one picture after another, the phases follow by Adam (Peng et
-al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with frames that are shown one after
-another SIGGRAPH 2022, 32). The light sent in is as bright as makes all pictures together as bright as they should be.
+The frame mean of the light's intensity is compared with one image after another, and Adam moves the phases (Peng et
+al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with time-multiplexed frames SIGGRAPH 2022,
+32). The brightness of the incident light is set so that all images together have the right brightness.
 
-Many frames begin with random phases. Few ones cannot average the speckle of these: they begin with phases that are
-hardly random, see `randomness_for`, around those of `even_double_phase`, and pictures are compared by their
-amplitudes, as Peng et al. do. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead
-of 10.3, and 24.2 with three instead of 20.1; by their intensities, and from an even start, 13.2 with one.
-A `randomness` that is set has any number of frames begin so. With eight frames of randomness 0.3 focal stacks then show
-0.6 dB more of the tea set and 0.7 dB less of the planes, and 2.5 to 3.3 dB less through the worst part of the pupil.
+Many frames start with random phases. Few frames cannot average the speckle of these: they start with phases that vary
+little, see `randomness_for`, around those of `even_double_phase`, and images are compared by their amplitudes, as in
+Peng et al. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead of 10.3, and 24.2
+with three instead of 20.1; compared by intensities and from a constant start 13.2 with one. A setting of `randomness`
+makes any number of frames start in this way. With eight frames of randomness 0.3 focal stacks then show 0.6 dB more of
+the tea set and 0.7 dB less of the planes, and 2.5 to 3.3 dB less through the worst part of the pupil.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from ..waves.target_images import TargetImages
     from . import BaselineInput
 
-STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
-RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
-MEMORY = 0.8  # of earlier slopes; at 0.9 focal stacks lose a decibel, at 0.6 light fields 2 % of their light
-BYTES = 64  # of a card's memory, of a pixel of a frame
-FEW_RATE, FEW_MEMORY = 0.2, 0.6  # of few frames, by amplitudes: 0.1 to 0.4 dB more than with the others
+STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # by quality; each step takes one image
+RATE = 0.12  # radians, Adam's longest step; from 0.2 on it does not converge
+MEMORY = 0.8  # Adam's weight of earlier gradients; at 0.9 focal stacks lose 1 dB, at 0.6 light fields 2 % of the light
+BYTES = 64  # of a card's memory, for each pixel of a frame
+FEW_RATE, FEW_MEMORY = 0.2, 0.6  # for few frames, by amplitudes: 0.1 to 0.4 dB more than with the others
 
 
 def phases_for(
@@ -48,26 +48,26 @@ def phases_for(
     progress: Progress,
     whole: bool = True,
 ) -> np.ndarray:
-    """The light of phases that show pictures, by the card where one computes waves.
+    """Light of phases that show target images; on the graphics card if one computes waves.
 
     Parameters
     ----------
     job : BaselineInput
     pictures_of : callable
-        ``pictures_of(k, on)`` gives the `TargetImages` of wavelength number k, in the namespace of an array.
+        ``pictures_of(k, on)`` gives the `TargetImages` of wavelength index k, in the array library of `on`.
     progress : callable
-        ``progress(done, message)``, may raise.
+        ``progress(done, message)``, may raise `Cancelled`.
     whole : bool
-        Whether pictures are of the whole pupil. To show parts of it, phases begin at random however few frames there
-        are: with others these lose light, and gain nothing.
+        Whether images are through the whole pupil. For parts of it any number of frames starts with random phases,
+        because others lose light there and gain nothing.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
-        At the SLM, of one modulus in each wavelength.
+        At the SLM, with one modulus in each wavelength.
     """
-    frames, colours = job.settings.frames, len(job.hologram.wavelengths)
-    out = np.empty((frames, colours, *job.shape), np.complex64)
+    frames, colors = job.settings.frames, len(job.hologram.wavelengths)
+    out = np.empty((frames, colors, *job.shape), np.complex64)
     rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
     randomness = job.settings.randomness
     few = whole and (frames < FEW_FRAMES or randomness is not None)
@@ -76,7 +76,7 @@ def phases_for(
     rate, memory = (FEW_RATE, FEW_MEMORY) if few else (RATE, MEMORY)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
 
-    def found(k, start):
+    def descend(k, start):
         pictures = pictures_of(k, start)
         phases, mean = Phases(start, threads), FrameMean(pictures, 1.0, threads, few)
         brightness, numbers = (_AmplitudeBrightness if few else _Brightness)(mean, phases.light), []
@@ -84,80 +84,80 @@ def phases_for(
             numbers = numbers or list(rng.permutation(len(pictures)))
             number = numbers.pop()
             loss, back = mean.gradient(phases.light, number)
-            brightness.seen(number, phases.light, back, loss)
+            brightness.update(number, phases.light, back, loss)
             if not numbers:
                 brightness.adjust()
             phases.descend(back, np.ones(frames), rate * math.sqrt(1 - step / steps), memory)
-            progress((k + (step + 1) / steps) / colours, "Phases")
-        return arrays.on_processor(brightness.of_light * phases.light)
+            progress((k + (step + 1) / steps) / colors, "Phases")
+        return arrays.on_processor(brightness.amplitude * phases.light)
 
     with Frames() as threads:
-        for k in range(colours):
+        for k in range(colors):
             if few:
-                begun = random_phasors(frames, *job.shape, seed + k, randomness)
-                start = np.angle(begun * aimed_waves(frames, job.shape))
+                phasors = random_phasors(frames, *job.shape, seed + k, randomness)
+                start = np.angle(phasors * aimed_waves(frames, job.shape))
                 start += even_double_phase(job.shape)
             else:
                 start = rng.uniform(0, 2 * math.pi, (frames, *job.shape)).astype(np.float32)
-            out[:, k], note = libraries.by_card(partial(found, k), start, BYTES * start.size)
+            out[:, k], note = libraries.by_card(partial(descend, k), start, BYTES * start.size)
             if note and note not in job.notes:
                 job.notes.append(note)
     return out
 
 
 class _Brightness:
-    """The gain with which sum w t g^2 I = sum w t^2, over all pictures; symbols as of `FrameMean`."""
+    """Gain with which sum w t g^2 I = sum w t^2, over all images; symbols as of `FrameMean`."""
 
     def __init__(self, mean, light):
         self.mean, pictures = mean, mean.pictures
-        self.wanted, shown = np.zeros((2, len(pictures)))
+        self.target, shown = np.zeros((2, len(pictures)))
         for number in range(len(pictures)):
-            picture = pictures.targets[number, ...]
-            weighted = pictures.weight(number) * picture
-            self.wanted[number] = arrays.total(weighted * picture)
-            shown[number] = arrays.total(weighted * mean.look(light, number))
+            target = pictures.targets[number, ...]
+            weighted = pictures.weight(number) * target
+            self.target[number] = arrays.total(weighted * target)
+            shown[number] = arrays.total(weighted * mean.image(light, number))
         self.shown = shown
         self.adjust()
 
-    def seen(self, number, light, back, loss):
-        """Take note of a picture by what its gradient tells: Re<G, u> = 2 sum w (g^2 I - t) g^2 I."""
-        self.shown[number] = self.wanted[number] + 0.5 * arrays.product(light, back).real - loss
+    def update(self, number, light, back, loss):
+        """Update the sums of an image from its gradient: Re<G, u> = 2 sum w (g^2 I - t) g^2 I."""
+        self.shown[number] = self.target[number] + 0.5 * arrays.product(light, back).real - loss
 
     def adjust(self):
         """Set the gain."""
-        shown, wanted = self.shown.sum(), self.wanted.sum()
-        self.mean.gain *= math.sqrt(wanted / shown) if shown > 0 else 0.0
+        shown, target = self.shown.sum(), self.target.sum()
+        self.mean.gain *= math.sqrt(target / shown) if shown > 0 else 0.0
 
     @property
-    def of_light(self):
-        """Amplitude of the light, in the end."""
+    def amplitude(self):
+        """Amplitude of the resulting light."""
         return self.mean.gain
 
 
 class _AmplitudeBrightness:
-    """The gain of the least loss of amplitudes, g sum v I = sum v sqrt(I t), over all pictures.
+    """Gain of the minimum loss of amplitudes, g sum v I = sum v sqrt(I t), over all images.
 
-    In the end light has the energy of all pictures, g^2 sum v I = sum v t: of speckle the least loss is too dark.
+    The resulting light has the energy of all images, g^2 sum v I = sum v t: the minimum loss of speckle is too dark.
     """
 
     def __init__(self, mean, light):
         self.mean, pictures = mean, mean.pictures
-        self.wanted, self.shown, self.overlap = np.zeros((3, len(pictures)))
+        self.target, self.shown, self.overlap = np.zeros((3, len(pictures)))
         for number in range(len(pictures)):
-            picture, weight, image = (
+            target, weight, image = (
                 pictures.targets[number, ...],
                 mean.weight(number),
-                mean.look(light, number),
+                mean.image(light, number),
             )
-            self.wanted[number] = arrays.total(weight * picture)
+            self.target[number] = arrays.total(weight * target)
             self.shown[number] = arrays.total(weight * image)
-            self.overlap[number] = arrays.total(weight * arrays.namespace(image).sqrt(image * picture))
+            self.overlap[number] = arrays.total(weight * arrays.namespace(image).sqrt(image * target))
         self.adjust()
 
-    def seen(self, number, light, back, loss):
-        """Take note of a picture by what its gradient tells: Re<G, u> = sum v (g sqrt(I) - sqrt(t)) g sqrt(I)."""
+    def update(self, number, light, back, loss):
+        """Update the sums of an image from its gradient: Re<G, u> = sum v (g sqrt(I) - sqrt(t)) g sqrt(I)."""
         gain, slope = self.mean.gain, arrays.product(light, back).real
-        overlap = self.wanted[number] + slope - loss
+        overlap = self.target[number] + slope - loss
         if gain:
             self.overlap[number], self.shown[number] = overlap / gain, (slope + overlap) / gain**2
 
@@ -167,7 +167,7 @@ class _AmplitudeBrightness:
         self.mean.gain = float(self.overlap.sum() / shown) if shown > 0 else 0.0
 
     @property
-    def of_light(self):
-        """Amplitude of the light, in the end."""
+    def amplitude(self):
+        """Amplitude of the resulting light."""
         shown = self.shown.sum()
-        return math.sqrt(self.wanted.sum() / shown) if shown > 0 else 0.0
+        return math.sqrt(self.target.sum() / shown) if shown > 0 else 0.0

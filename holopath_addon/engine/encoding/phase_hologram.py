@@ -11,7 +11,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..errors import InvalidInput
-from ..files import earlier, whole_folder
+from ..files import overwrite_check, whole_folder
 from ..hologram import Hologram
 from ..optics import BEAM_FILE, STOP_FILE
 from ..scene import variants
@@ -144,7 +144,9 @@ class PhaseHologram:
         wavelengths = self.hologram.wavelengths
         with whole_folder(
             folder,
-            earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)),
+            overwrite_check(
+                "a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)
+            ),
         ) as part:
             data = arrays.on_processor(self.data)
             np.save(part / "phase.npy", data)

@@ -1,1 +1,1 @@
-"""Incoherent light: paths, and what is baked of it for all views."""
+"""Incoherent light: paths, and light baked for all views."""

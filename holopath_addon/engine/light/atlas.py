@@ -1,8 +1,7 @@
-"""A texture for all surfaces of a scene: a texel for each place on each side of each triangle mesh.
+"""Texture atlas over all surfaces of a scene: a texel for each place on each side of each triangle mesh.
 
 A mesh's triangles are laid out on a sheet, in charts by xatlas or in cells (`unwrapping`). Each shape that shows the
-mesh has copies of the sheet of its own, one for each side that is lit; instances differ in their light only, so they
-share the charts.
+mesh has its own copies of the sheet, one for each lit side; instances differ in their light only, so they share charts.
 """
 
 from __future__ import annotations
@@ -29,22 +28,34 @@ if TYPE_CHECKING:
 NONE = 0xFFFFFFFF
 INSTANCE, GROUP = 1024, 2048  # of mi.ShapeType, which lacks these names
 GROUP_NAME = re.compile(r'ShapeGroup\[\s*name = "(\d+)"')
-MOST_TEXELS = 1 << 24  # in all; coarser sheets where they would not do
-BLOCK = 8  # texels; sheets start at multiples, so that a block of texels belongs to one
-CHARTED_AREA = 4.0  # texels; meshes of smaller triangles on average have one texel a triangle
-LARGEST_SHEET = 4096  # texels a side
+MAX_TEXELS = 1 << 24  # of all sheets, which are coarser if they need more
+BLOCK = 8  # texels; sheets start at multiples, so that a block of texels belongs to one sheet
+MIN_CHARTED_AREA = 4.0  # texels; meshes with smaller triangles on average have one texel a triangle
+MAX_SHEET = 4096  # texels a side
 PACKING = 1.4  # texels of a sheet over the area of its triangles
-UNEVEN = 16.0  # times the mean area of a dense mesh's triangles: larger ones ...
-UNEVEN_SHARE = 0.1  # ... should not have more than this part of its area
-INSET = 0.1  # texels that places keep from the edges of their triangle ...
-MOST_INSET = 0.1  # ... at most so much of its heights
-SAME = 1e-4  # relative difference of lengths in meshes that share charts
+LARGE = 16.0  # area of a large triangle of a dense mesh, over the mean area
+MAX_LARGE_FRACTION = 0.1  # fraction of a dense mesh's area that such triangles may have
+INSET = 0.1  # distance of places from the edges of their triangle, texels ...
+MAX_INSET = 0.1  # ... and its maximum, fraction of the triangle's heights
+SAME = 1e-4  # relative difference of lengths up to which meshes share charts
 
 
 @dataclass
 class Mesh:
-    """A triangle mesh: registry number of its shape, place in its group, first row, positions (metres) and corners of
-    triangles.
+    """Triangle mesh.
+
+    Attributes
+    ----------
+    shape : int
+        Number of its shape in Mitsuba's registry.
+    index : int
+        Its place in a shape group.
+    first : int
+        Row of its first triangle.
+    vertices, faces : numpy.ndarray
+        Positions, meters, and corners of triangles.
+    parts : numpy.ndarray
+        Number of each vertex's connected part.
     """
 
     shape: int
@@ -52,12 +63,12 @@ class Mesh:
     first: int
     vertices: np.ndarray
     faces: np.ndarray
-    parts: np.ndarray = field(init=False)  # number of each vertex's connected part
+    parts: np.ndarray = field(init=False)
 
 
 @dataclass
 class Owner:
-    """Who shows meshes: a shape its own, an instance those of its group at its own scale."""
+    """Shape that shows its own mesh, or instance that shows those of its group at a scale; `number` in the registry."""
 
     number: int
     instance: bool
@@ -66,41 +77,47 @@ class Owner:
 
 @dataclass
 class Family:
-    """Meshes that are laid out on one sheet, and who shows them."""
+    """Meshes on one sheet, and the owners that show them."""
 
     meshes: list
     owners: list = field(default_factory=list)
 
 
 class Triangles:
-    """All triangle meshes of a scene: a row a triangle, found from where a ray hits.
+    """Table of all triangles of a scene, with the row of the triangle that a ray hits.
 
-    Rows are in an order that depends on the meshes' triangles and places alone.
+    The order of rows depends on the triangles and places of meshes alone.
 
     Parameters
     ----------
     scene : mitsuba.Scene
-    wanted : callable
-        ``wanted(shape)``: whether a shape's triangles are to have rows.
+    included : callable
+        ``included(shape)``: whether a shape's triangles have rows.
 
     Attributes
     ----------
     families : list of Family
     meshes : list of Mesh
     owners : list of Owner
+    numbers : int
+        Upper bound of the owners' numbers.
     parts : int
         Connected parts of meshes.
     count : int
-        Rows in all.
+        Number of rows.
     structure : str
-        Digest of which triangles there are, and how large, wherever they lie.
+        Digest of the shapes and sizes of the triangles, without their places.
+    scale : mitsuba.Float
+        Scale of each owner, by its number.
+    shape_of, index_of, number_of, part_of : mitsuba.UInt32
+        Shape, index in a group, number in the mesh, and connected part of each row.
     """
 
-    def __init__(self, scene: mi.Scene, wanted: Callable[[mi.Shape], bool]) -> None:
+    def __init__(self, scene: mi.Scene, included: Callable[[mi.Shape], bool]) -> None:
         self.families, children, starts, self.count, self.parts = [], [NONE], {}, 0, 0
         groups, group_of = {}, _groups(scene)
         structure = blake2b(digest_size=16)
-        shapes = [s for s in scene.shapes() if s.shape_type() == INSTANCE or (s.is_mesh() and wanted(s))]
+        shapes = [s for s in scene.shapes() if s.shape_type() == INSTANCE or (s.is_mesh() and included(s))]
         for (kind, *_), shape in sorted(((_sort_key(s), s) for s in shapes), key=lambda pair: pair[0]):
             number = number_of(shape)
             structure.update(kind.encode())
@@ -108,7 +125,7 @@ class Triangles:
                 group = group_of[number]
                 if group not in groups:
                     nested = _nested(group)
-                    members = [self._mesh(child, wanted, n) for n, child in enumerate(nested)]
+                    members = [self._mesh(child, included, n) for n, child in enumerate(nested)]
                     groups[group] = Family([m for m in members if m]), len(children)
                     children += [m.first if m else NONE for m in members]
                     kinds = [_sort_key(c)[0] for c, m in zip(nested, members, strict=True) if m]
@@ -118,7 +135,7 @@ class Triangles:
                 matrix = np.array(mi.traverse(shape)["to_world"].matrix).reshape(-1, 4, 4)[0, :3, :3]
                 family.owners.append(Owner(number, True, float(np.linalg.norm(matrix, axis=0).max())))
             else:
-                mesh = self._mesh(shape, wanted)
+                mesh = self._mesh(shape, included)
                 if mesh is not None:
                     starts[number] = len(children)
                     children.append(mesh.first)
@@ -138,7 +155,7 @@ class Triangles:
         meshes = [mesh for family in self.families for mesh in family.meshes]
         self._index = None
         if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
-            # of a mesh in an instance Embree tells the number in its group, OptiX which mesh it is
+            # a hit in an instance has the mesh's index in its group with Embree, the mesh itself with OptiX
             index = np.full(1 + max((mesh.shape for mesh in meshes), default=0), NONE, np.uint32)
             index[[mesh.shape for mesh in meshes]] = [mesh.index for mesh in meshes]
             self._index = loaded(mi.UInt32, index)
@@ -149,19 +166,19 @@ class Triangles:
         self.part_of = self._rows(lambda mesh: mesh.parts[mesh.faces[:, 0]])
 
     def _rows(self, of):
-        """A number for each row, of each mesh's triangles."""
+        """Column of the table: a number for each row, by a function of the mesh."""
         return loaded(mi.UInt32, np.concatenate([of(mesh) for mesh in self.meshes] or [np.zeros(1)]))
 
     def areas(self) -> np.ndarray:
-        """Area of each part, square metres of its own mesh."""
+        """Area of each part, square meters of its own mesh."""
         areas = np.zeros(max(1, self.parts))
         for mesh in self.meshes:
             weights = _areas(mesh.vertices, mesh.faces)
             areas += np.bincount(mesh.parts[mesh.faces[:, 0]], weights, len(areas))
         return areas
 
-    def _mesh(self, shape, wanted, index=0):
-        if not (shape.is_mesh() and wanted(shape)) or shape.face_count() == 0:
+    def _mesh(self, shape, included, index=0):
+        if not (shape.is_mesh() and included(shape)) or shape.face_count() == 0:
             return None
         vertices = np.array(shape.vertex_positions_buffer(), np.float32).reshape(-1, 3)
         faces = np.array(shape.faces_buffer(), np.uint32).reshape(-1, 3)
@@ -172,7 +189,7 @@ class Triangles:
         return mesh
 
     def leave_out(self, shapes: Iterable[int]) -> None:
-        """Forget the triangles of shapes, given by their numbers in Mitsuba's registry."""
+        """Remove the meshes of shapes, given by their numbers in Mitsuba's registry; rows keep their numbers."""
         children = np.array(self._children)
         for family in self.families:
             for mesh in family.meshes:
@@ -184,7 +201,7 @@ class Triangles:
         self._children = loaded(mi.UInt32, children)
 
     def row(self, surface: mi.PreliminaryIntersection3f, active: mi.Bool | bool = True) -> tuple:
-        """Who shows the triangle where a ray hits, its row, and whether it has one (Dr.Jit types)."""
+        """Owner and row of the triangle that a ray hits, and whether it has a row (Dr.Jit types)."""
         shape = dr.reinterpret_array(mi.UInt32, surface.shape)
         instance = dr.reinterpret_array(mi.UInt32, surface.instance)
         owner = dr.select(instance != 0, instance, shape)
@@ -205,25 +222,25 @@ class Triangles:
 
 @dataclass
 class AtlasLayout:
-    """Where each triangle lies in the texture: all that an `Atlas` is made of.
+    """Places of triangles in the texture, from which an `Atlas` is made.
 
     Attributes
     ----------
     texel : numpy.ndarray, shape (parts,)
-        Side of a texel on each connected part of the meshes, metres of the mesh.
+        Side of a texel on each connected part of the meshes, meters of the mesh.
     corners : numpy.ndarray, float32, shape (rows, 6)
         First corner of each triangle and the edges from it, texels of its sheet.
     copies : numpy.ndarray, int, shape (copies, 8)
-        Of each copy of a sheet: number of its owner among `Triangles.owners`, side, place, size, and the place of
-        the sheet's first copy.
+        Copies of sheets: number of the owner among `Triangles.owners`, side, place, size, and the place of the
+        sheet's first copy.
     size : (int, int)
-        Width and height in texels.
+        Width and height, texels.
     coarser : float
-        How many times the texels are larger than asked for, to bound memory.
+        Size of the texels over that requested, to bound memory.
     dense : int
-        Triangles that have one texel, or a cell, where charts would take too long.
+        Triangles with one texel, or a cell, where charts would take too long.
     laid : numpy.ndarray, int
-        First rows of the meshes that are in it.
+        First rows of the meshes in the texture.
     """
 
     texel: np.ndarray
@@ -235,19 +252,24 @@ class AtlasLayout:
     laid: np.ndarray
 
     def serves(self, triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) -> bool:
-        """Whether what `lay_out` is asked for is here, to a factor of two in the size of texels."""
+        """Whether the layout meets a request to `lay_out`, up to a factor of two in the size of texels."""
         if self.laid.tolist() != [mesh.first for mesh in triangles.meshes]:
             return False
-        here = {(triangles.owners[owner].number, side) for owner, side in self.copies[:, :2]}
+        available = {(triangles.owners[owner].number, side) for owner, side in self.copies[:, :2]}
         parts = np.concatenate([mesh.parts for mesh in triangles.meshes] or [np.zeros(0, int)])
-        return sides <= here and bool((self.texel <= 2 * self.coarser * texel)[parts].all())
+        return sides <= available and bool((self.texel <= 2 * self.coarser * texel)[parts].all())
 
 
 def unfit(triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) -> set[int]:
-    """Numbers of the shapes that texels as fine as asked for cannot show, whose light is better traced.
+    """Numbers of the shapes for which a texture is unfit, whose light is better traced.
 
-    Such are parts so large that texels would have to be over twice as large to bound memory, as a plain that reaches
-    the horizon, and meshes too dense for charts some of whose triangles are much larger than the rest.
+    These have parts so large that texels would be over twice the requested size to bound memory, such as a plain up to
+    the horizon, or are too dense for charts and have some triangles much larger than the rest.
+
+    Parameters
+    ----------
+    triangles, texel, sides
+        See `lay_out`.
     """
     counts = np.zeros(max(1, triangles.parts))
     uneven, meshes_of = set(), {}
@@ -257,37 +279,33 @@ def unfit(triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) 
             areas, part = _areas(mesh.vertices, mesh.faces), mesh.parts[mesh.faces[:, 0]]
             counts += np.bincount(part, number * areas / texel[part] ** 2, len(counts))
             meshes_of |= dict.fromkeys(np.unique(part).tolist(), mesh.shape)
-            seen = areas / texel[part] ** 2
-            large = seen > UNEVEN * max(1.0, seen.mean())
-            if len(areas) > CHARTED_TRIANGLES and seen[large].sum() > UNEVEN_SHARE * seen.sum():
+            texels = areas / texel[part] ** 2
+            large = texels > LARGE * max(1.0, texels.mean())
+            if len(areas) > CHARTED_TRIANGLES and texels[large].sum() > MAX_LARGE_FRACTION * texels.sum():
                 uneven.add(mesh.shape)
-    # the most texels that a part may have, where smaller ones have all they need
+    # maximum texels of a part, if smaller parts have all they need
     ordered = np.sort(counts)
-    rest = MOST_TEXELS / PACKING - np.concatenate([[0], np.cumsum(ordered)[:-1]])
-    share = rest / np.arange(len(ordered), 0, -1)
-    short = np.flatnonzero(share < ordered)
-    most = share[short[0]] if len(short) else np.inf
-    return uneven | {meshes_of[part] for part in np.flatnonzero(counts > 4 * most).tolist()}
+    rest = MAX_TEXELS / PACKING - np.concatenate([[0], np.cumsum(ordered)[:-1]])
+    mean = rest / np.arange(len(ordered), 0, -1)
+    short = np.flatnonzero(mean < ordered)
+    max_texels = mean[short[0]] if len(short) else np.inf
+    return uneven | {meshes_of[part] for part in np.flatnonzero(counts > 4 * max_texels).tolist()}
 
 
 def lay_out(
     triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]], progress: PartProgress
 ) -> AtlasLayout:
-    """Lay out a scene's triangles.
+    """Lay out a scene's triangles on a texture.
 
     Parameters
     ----------
     triangles : Triangles
     texel : numpy.ndarray, shape (triangles.parts,)
-        Side of a texel on each part, metres of its own mesh.
+        Side of a texel on each part, meters of its own mesh.
     sides : set of (int, int)
-        Numbers of owners in Mitsuba's registry, and 0 for the front or 1 for the back: those that are to have texels.
+        Sides with texels: numbers of owners in Mitsuba's registry, and 0 for the front or 1 for the back.
     progress : callable
         ``progress(done)``, may raise.
-
-    Returns
-    -------
-    AtlasLayout
     """
     place_of = {owner.number: number for number, owner in enumerate(triangles.owners)}
     families = []
@@ -297,8 +315,8 @@ def lay_out(
         ]
         if copies:
             families.append((family.meshes, copies))
-    wanted = sum(_texels(meshes, texel) * len(copies) for meshes, copies in families)
-    coarser = max(1.0, math.sqrt(wanted / MOST_TEXELS))
+    texels = sum(_texels(meshes, texel) * len(copies) for meshes, copies in families)
+    coarser = max(1.0, math.sqrt(texels / MAX_TEXELS))
     texel = texel * coarser
     corners = np.zeros((max(1, triangles.count), 6), np.float32)
     sizes, dense, charted = [], 0, {}
@@ -323,18 +341,18 @@ def lay_out(
 
 
 def _sheet(meshes, texel, corners, charted):
-    """Lay some meshes out side by side, into `corners`; the sheet's size, and how many triangles got cells."""
+    """Lay some meshes out side by side, into `corners`; return the sheet's size and its triangles in cells."""
     laid, dense = [], 0
     for mesh in meshes:
         part = mesh.parts[mesh.faces[:, 0]]
         areas = _areas(mesh.vertices, mesh.faces) / texel[part] ** 2
-        for chosen in _alike(areas, part - part.min(initial=0)):
+        for chosen in _selections(areas, part - part.min(initial=0)):
             count, sheet = np.count_nonzero(chosen), None
-            if CHARTED_AREA * count <= areas[chosen].sum():
+            if MIN_CHARTED_AREA * count <= areas[chosen].sum():
                 sheet = _shared_charts(*_scaled(mesh, chosen, texel), charted)
             if sheet is None:
                 dense += count
-                room = LARGEST_SHEET / math.sqrt(max(1, count / 2))
+                room = MAX_SHEET / math.sqrt(max(1, count / 2))
                 sheet = cells(count, int(min(math.sqrt(2 * areas[chosen].mean()) + 3, room)))
             laid.append((mesh.first + np.flatnonzero(chosen), *sheet))
     places, width, height = _shelves([size for _, _, size in laid])
@@ -344,22 +362,22 @@ def _sheet(meshes, texel, corners, charted):
     return (width, height), dense
 
 
-def _alike(areas, part):
-    """Triangles of a mesh that are laid out together, given their areas in texels and their parts.
+def _selections(areas, part):
+    """Masks of triangles of a mesh that are laid out together, by their areas in texels and their parts.
 
-    Where most triangles are small, parts of large ones are laid out by themselves.
+    Where most triangles are small, parts of large ones are laid out separately.
     """
     everything = np.ones(len(areas), bool)
-    if CHARTED_AREA * len(areas) <= areas.sum():
+    if MIN_CHARTED_AREA * len(areas) <= areas.sum():
         return [everything]
-    large = (CHARTED_AREA * np.bincount(part) <= np.bincount(part, areas))[part]
+    large = (MIN_CHARTED_AREA * np.bincount(part) <= np.bincount(part, areas))[part]
     return [large, ~large] if large.any() else [everything]
 
 
 def _scaled(mesh, chosen, texel):
-    """Vertices of some triangles of a mesh, in texels, and the triangles.
+    """Vertices, in texels, and faces of some triangles of a mesh.
 
-    Parts that lie too far apart for a sheet are moved side by side.
+    Parts too far apart for a sheet are moved side by side.
     """
     vertices, parts, faces = mesh.vertices, mesh.parts, mesh.faces
     if not chosen.all():
@@ -367,7 +385,7 @@ def _scaled(mesh, chosen, texel):
         vertices, parts, faces = vertices[used], parts[used], faces.reshape(-1, 3).astype(np.uint32)
     scale = texel[parts][:, None]
     scaled = vertices / scale.astype(np.float32)
-    if not LARGEST_SHEET <= np.ptp(scaled, axis=0).max(initial=0) < np.inf:
+    if not MAX_SHEET <= np.ptp(scaled, axis=0).max(initial=0) < np.inf:
         return scaled, faces
     _, part = np.unique(parts, return_inverse=True)
     exact = vertices / scale
@@ -375,7 +393,7 @@ def _scaled(mesh, chosen, texel):
     np.minimum.at(lower, part, exact)
     np.maximum.at(upper, part, exact)
     extent = upper - lower
-    if extent.max() >= LARGEST_SHEET:
+    if extent.max() >= MAX_SHEET:
         return scaled, faces
     places, *_ = _shelves((extent[:, :2] + 1).tolist())
     moved = exact - lower[part]
@@ -384,24 +402,24 @@ def _scaled(mesh, chosen, texel):
 
 
 class Atlas:
-    """From where a ray hits to its texel, and back.
+    """Map from surfaces that rays hit to texels, and back.
 
     Parameters
     ----------
     triangles : Triangles
     layout : AtlasLayout
-        Of these triangles.
+        Layout of these triangles.
 
     Attributes
     ----------
     width, size : int
-        Texels of a row, and in all.
+        Texels of a row, and all texels.
     rows : numpy.ndarray
-        Row of the triangle at each texel, NONE where there is none.
+        Row of the triangle at each texel, or NONE.
     points : numpy.ndarray
         Whether each row's triangle has one texel.
     texel_of : mitsuba.Float
-        Side of a texel on each part, metres.
+        Side of a texel on each part, meters.
     """
 
     def __init__(self, triangles: Triangles, layout: AtlasLayout) -> None:
@@ -432,9 +450,9 @@ class Atlas:
         self._copies = packed(table)
 
     def _covered(self, base, height):
-        """Row of the triangle at each texel of the first copies, NONE where there is none, one texel of margin.
+        """Row of the triangle at each texel of the first copies, with a margin of one texel, or NONE.
 
-        Where several meet, the last: what is baked once must find the same texels ever after.
+        Where several meet, the last one, whatever the order of threads: stored light must find its texels again.
         """
         if not self.triangles.count:
             return np.full((height, self.width), NONE, np.uint32)
@@ -442,9 +460,9 @@ class Atlas:
         return np.where(within != NONE, within, beyond)
 
     def _covered_with(self, margin, base, height):
-        """`_covered`, with one margin."""
+        """Row of the triangle at each texel, with a margin in texels, or NONE."""
         count = self.triangles.count
-        row = dr.zeros(mi.UInt32, self.width * height)  # one more than the row
+        row = dr.zeros(mi.UInt32, self.width * height)  # counts from 1
         dr.make_opaque(row)
         number = dr.arange(mi.UInt32, count)
         u, v, *edges = gather_row(self._corners, number, 6)
@@ -454,7 +472,7 @@ class Atlas:
         area = a.x * b.y - a.y * b.x
         left, right = (f(0, f(a.x, b.x)) for f in (dr.minimum, dr.maximum))
         low, high = (f(0, f(a.y, b.y)) for f in (dr.minimum, dr.maximum))
-        # not beyond the sheet, where another one begins
+        # within the sheet, as another one begins beside it
         left, right = dr.maximum(u + left - margin, x), dr.minimum(u + right + margin, x + w - 1)
         low, high = dr.maximum(v + low - margin, y), dr.minimum(v + high + margin, y + h - 1)
         x0, x1, y0, y1 = (mi.Int(dr.floor(end)) for end in (left, right, low, high))
@@ -490,15 +508,15 @@ class Atlas:
         aside: mi.Point2f,
         active: mi.Bool | bool = True,
     ) -> tuple[mi.UInt32, mi.Bool]:
-        """Number of the texel where a ray hits, and whether there is one (Dr.Jit types).
+        """Number of the texel at a surface that a ray hits, and whether there is one (Dr.Jit types).
 
         Parameters
         ----------
         surface : mitsuba.PreliminaryIntersection3f
         front : mitsuba.Bool
-            Which side is seen.
+            Whether the front is in view, or the back.
         aside : mitsuba.Point2f
-            0 to 1. Random, it makes the mean of many lookups bilinear; 0.5 is the nearest.
+            Offset, 0 to 1: a random one makes the mean of many lookups bilinear; 0.5 finds the nearest texel.
         active : mitsuba.Bool
         """
         owner, row, known = self.triangles.row(surface, active)
@@ -515,12 +533,19 @@ class Atlas:
         return number, known & (dr.gather(mi.UInt32, self._row, number, known) != NONE)
 
     def place(self, texel: mi.UInt32, aside: mi.Point2f) -> tuple[mi.PreliminaryIntersection3f, mi.Bool]:
-        """The surface at a texel, `aside` (0 to 1) within it, and whether its front is meant (Dr.Jit types).
+        """Surface at a texel (Dr.Jit types).
+
+        Parameters
+        ----------
+        texel : mitsuba.UInt32
+        aside : mitsuba.Point2f
+            Place within the texel, 0 to 1.
 
         Returns
         -------
         surface : mitsuba.PreliminaryIntersection3f
         front : mitsuba.Bool
+            Whether the texel belongs to the front.
         """
         row = dr.gather(mi.UInt32, self._row, texel)
         instance, side, x, y = dr.gather(mi.Vector4u, self._copies, dr.gather(mi.UInt32, self._copy, texel))
@@ -535,7 +560,7 @@ class Atlas:
         point = dr.abs(area) < 1e-9
         s = dr.select(point, aside.x, (p.x * b.y - p.y * b.x) / area)
         c = dr.select(point, aside.y, (a.x * p.y - a.y * p.x) / area)
-        # a triangle with one texel is sampled all over; others at the texel, or their nearest point
+        # a triangle with one texel is sampled all over; others at the texel, or at their nearest point
         over = point & (s + c > 1)
         s, c = dr.select(over, 1 - s, s), dr.select(over, 1 - c, c)
         s, c = dr.clip(s, 0, 1), dr.clip(c, 0, 1)
@@ -543,10 +568,10 @@ class Atlas:
         s, c = dr.clip(s - beyond, 0, 1), dr.clip(c - beyond, 0, 1)
         total = dr.maximum(s + c, 1)
         s, c = s / total, c / total
-        # never on an edge, where a ray may start behind the surface that meets this one, and get away: shrunk about
-        # the incenter, in barycentric coordinates the distance over each height
+        # not on an edge, where a ray may start behind an adjoining surface and escape: the triangle is shrunk about its
+        # incenter; barycentric coordinates are distances over heights
         rest = [INSET * dr.norm(edge) / dr.abs(area) for edge in (b, a, b - a)]
-        rest = [dr.select(point, INSET / 3, dr.minimum(share, MOST_INSET)) for share in rest]
+        rest = [dr.select(point, INSET / 3, dr.minimum(distance, MAX_INSET)) for distance in rest]
         kept = 1 - sum(rest)
         s, c = rest[0] + kept * s, rest[1] + kept * c
         surface = dr.zeros(mi.PreliminaryIntersection3f, dr.width(texel))
@@ -560,18 +585,18 @@ class Atlas:
 
 
 def number_of(shape: mi.Shape) -> int:
-    """A shape's number in Mitsuba's registry, which hits tell."""
+    """Number of a shape in Mitsuba's registry, which hits contain."""
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
 def _groups(scene):
-    """The shape group of each instance, by its number."""
+    """Shape group of each instance, by its number."""
     instances = [shape for shape in scene.shapes() if shape.shape_type() == INSTANCE]
     groups = [part for part in parts_of(scene) if isinstance(part, mi.Shape) and part.shape_type() == GROUP]
     names = [group.id() for group in groups]
     try:
         for place, group in enumerate(groups):
-            # an instance tells nothing of its group but the name, in its description
+            # an instance reveals its group by the name in its description only
             group.set_id(str(place))
         return {number_of(shape): groups[int(GROUP_NAME.search(str(shape))[1])] for shape in instances}
     finally:
@@ -580,12 +605,12 @@ def _groups(scene):
 
 
 def _nested(group):
-    """The members of a shape group in their order."""
+    """Members of a shape group in their order."""
     return [part for part in nested_in(group) if isinstance(part, mi.Shape)]
 
 
 def _sort_key(shape):
-    """Orders shapes by what they are, then by where."""
+    """Key that sorts shapes by their geometry, then by their places."""
     kind, place = shape.class_name(), b""
     if shape.is_mesh():
         faces = blake2b(np.array(shape.faces_buffer()).tobytes(), digest_size=16).hexdigest()
@@ -601,7 +626,7 @@ def _sort_key(shape):
 
 
 def _connected(vertices, faces):
-    """Number of the connected part that each vertex belongs to; dense meshes are one part."""
+    """Number of each vertex's connected part; dense meshes are one part."""
     if len(faces) > CHARTED_TRIANGLES or len(faces) < 3:
         return np.zeros(len(vertices), np.int64)
     from scipy.sparse import coo_array
@@ -622,7 +647,7 @@ def _areas(vertices, faces):
 
 
 def _texels(meshes, texel):
-    """About how many texels a sheet will have."""
+    """Estimate of a sheet's texels."""
     count = 0
     for mesh in meshes:
         areas = _areas(mesh.vertices, mesh.faces) / texel[mesh.parts[mesh.faces[:, 0]]] ** 2
@@ -631,7 +656,7 @@ def _texels(meshes, texel):
 
 
 def _shared_charts(vertices, faces, charted):
-    """Charts at a texel a unit; meshes of the same shape get the same. None where there are no charts."""
+    """Charts with one texel a unit, shared by meshes of the same shape; None if there are none."""
     ends = vertices[faces]
     lengths = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
     known = charted.setdefault(faces.tobytes(), [])
@@ -640,14 +665,14 @@ def _shared_charts(vertices, faces, charted):
             return laid
     extent = np.ptp(vertices, axis=0).max(initial=0)
     laid = None
-    if 0 < extent < LARGEST_SHEET:
+    if 0 < extent < MAX_SHEET:
         laid = charts(vertices - vertices.min(0), faces, texels_per_unit=1.0)
     known.append((lengths, laid))
     return laid
 
 
 def _shelves(sizes):
-    """Rectangles side by side in rows: their corners, and the width and height of all."""
+    """Place rectangles side by side in rows; return their corners, and the width and height of all."""
     if not sizes:
         return [], BLOCK, BLOCK
     padded = np.ceil(np.array(sizes) / BLOCK).astype(int) * BLOCK

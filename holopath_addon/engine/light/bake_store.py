@@ -1,4 +1,4 @@
-"""Baked light on disk: one file for each set of triangles, whatever their place, materials and lamps."""
+"""Baked light on disk: one file for each set of triangles, whatever their places, materials and lights."""
 
 from __future__ import annotations
 
@@ -20,26 +20,20 @@ if TYPE_CHECKING:
     from .camera_view import BakeRequest, CameraView
     from .radiance_cache import RadianceCache
 
-VERSION = 4  # of the format, and of the light: another one is baked again
+VERSION = 4  # version of the format and of the light: files of another one are baked again
 SUFFIX = ".holobake.npz"
-MOST_BYTES = 2 << 30  # of all files; the oldest go first
-KINDS = {
-    "digest": str,
-    "coarse": str,
-    "noise": float,
-    "coarser": float,
-    "dense": int,
-    "most": int,
-}  # of numbers
+MAX_BYTES = 2 << 30  # maximum size of all files; the oldest are deleted first
+# Types of single values in a file.
+TYPES = {"digest": str, "coarse": str, "noise": float, "coarser": float, "dense": int, "most": int}
 
 
 @dataclass(frozen=True)
 class Head:
-    """What is quickly read of a `Stored`: three of its attributes, and the texels of its texture."""
+    """Part of a `Stored` that is read quickly: three of its attributes, and the texels of its texture."""
 
     digest: str
     noise: float
-    most: int
+    max_samples: int
     texels: int
 
 
@@ -50,24 +44,24 @@ class Stored:
     Attributes
     ----------
     digest : str
-        Of all that decides the light.
+        Digest of every input that affects the light.
     noise : float
-        Relative standard error that was aimed at.
-    most : int
-        Samples that each group had at most for that.
+        Target of the relative standard error.
+    max_samples : int
+        Maximum samples of a group; ``most`` in files.
     coarse : str
-        Digest of the groups that `source` is for.
+        Digest of the groups of `source`.
     texel, corners, copies, size, coarser, dense, laid
-        As in `atlas.Layout`.
+        See `atlas.AtlasLayout`.
     pool, starts, counts : numpy.ndarray
-        Of the groups that are baked, see `groups.Groups`.
+        Baked groups, see `groups.Groups`.
     fine, source : numpy.ndarray
-        As in `RadianceCache`.
+        See `RadianceCache`.
     """
 
     digest: str
     noise: float
-    most: int
+    max_samples: int
     coarse: str
     texel: np.ndarray
     corners: np.ndarray
@@ -83,15 +77,15 @@ class Stored:
     source: np.ndarray
 
     @classmethod
-    def of(cls, cache: RadianceCache, digest: str, noise: float, most: int) -> Stored:
-        """What a cache holds."""
-        nothing = np.zeros(0, np.uint32)
-        pool = np.concatenate([nothing, *(groups.pool for groups in cache.groups)])
-        counts = np.concatenate([nothing, *(groups.counts for groups in cache.groups)])
+    def of(cls, cache: RadianceCache, digest: str, noise: float, max_samples: int) -> Stored:
+        """Copy the arrays of a cache."""
+        empty = np.zeros(0, np.uint32)
+        pool = np.concatenate([empty, *(groups.pool for groups in cache.groups)])
+        counts = np.concatenate([empty, *(groups.counts for groups in cache.groups)])
         return cls(
             digest=digest,
             noise=noise,
-            most=most,
+            max_samples=max_samples,
             coarse=cache.coarse.digest(),
             **vars(cache.atlas.layout),
             pool=pool,
@@ -103,13 +97,20 @@ class Stored:
 
     @property
     def layout(self) -> AtlasLayout:
-        """The `AtlasLayout`."""
+        """Layout of the texture."""
         from .atlas import AtlasLayout
 
         return AtlasLayout(**{field.name: getattr(self, field.name) for field in fields(AtlasLayout)})
 
     def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
-        """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
+        """Make a `RadianceCache`, or None if its groups would differ.
+
+        Parameters
+        ----------
+        triangles : Triangles
+        complete, translucent : bool
+            See `RadianceCache`.
+        """
         import drjit as dr
         import mitsuba as mi
 
@@ -121,23 +122,24 @@ class Stored:
         cache = RadianceCache(Atlas(triangles, self.layout), complete, translucent)
         if cache.coarse.digest() != self.coarse or dr.width(cache.source) != len(self.source):
             return None
-        if len(self.pool):  # none of a view that only traced shapes are in
+        if len(self.pool):  # empty if only traced shapes are in view
             cache.add(Groups(self.pool, self.starts, self.counts), self.fine.reshape(-1, 4)[1:])
         cache.source = loaded(mi.Float, self.source)
         return cache
 
     def check(self, triangles: Triangles) -> None:
-        """Whether the arrays fit each other and the triangles.
+        """Check that the arrays fit each other and the triangles.
 
         Raises
         ------
         ValueError
+            If they do not.
         """
         from .atlas import BLOCK, NONE
 
         width, height = self.size
         names = ("corners", "fine", "source", "copies", "pool", "starts", "counts")
-        right = (
+        valid = (
             [getattr(self, name).dtype for name in names] == [np.float32] * 3 + [np.int64] + [np.uint32] * 3
             and self.corners.shape == (max(1, triangles.count), 6)
             and self.texel.shape == (max(1, triangles.parts),)
@@ -158,40 +160,40 @@ class Stored:
             and np.isfinite(self.fine).all()
             and np.isfinite(self.source).all()
         )
-        if not right:
+        if not valid:
             raise ValueError("its parts do not fit")
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a store has of the light that a camera sees.
+    """Result of looking for a camera's light in a store.
 
     Attributes
     ----------
     request : BakeRequest
-        With the noise and samples that are asked for or that the stored light has.
+        Request with the accuracy of the stored light if that is higher.
     triangles : Triangles
-        Those whose light is cached.
-    view, seen : CameraView
-        What is baked, a little beyond what is seen, and what is seen.
+        Triangles whose light is cached.
+    wide_view, view : CameraView
+        View that is baked, and the slightly narrower one of the camera.
     translucent : bool
-        As of `RadianceCache`.
+        See `RadianceCache`.
     stored : Stored or None
-        What there is of these triangles.
+        Stored light of these triangles.
     cache : RadianceCache or None
-        With the stored light; None where it does not serve.
+        Cache with the stored light; None if it cannot be used.
     missing : float
-        Share of the view that has to be baked.
+        Fraction of the view that has to be baked.
     digest : str
-        Of the scene.
+        Digest of the scene.
     note : str
-        What was wrong with what is stored, if something was.
+        Fault of the stored file, if any.
     """
 
     request: BakeRequest
     triangles: Triangles
+    wide_view: CameraView
     view: CameraView
-    seen: CameraView
     translucent: bool
     stored: Stored | None
     cache: RadianceCache | None
@@ -201,17 +203,17 @@ class Found:
 
 
 class BakeStore:
-    """A folder of baked light.
+    """Folder of baked light.
 
     Parameters
     ----------
     folder : path
-        Made when something is saved.
+        Created when something is saved.
 
     Attributes
     ----------
     kept : (BakeRequest, Found) or None
-        What planning found, for the baking that follows.
+        Result of planning, for the bake that follows.
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -220,10 +222,10 @@ class BakeStore:
 
     @classmethod
     def default(cls) -> BakeStore:
-        """The user's own cache folder, or what HOLOPATH_CACHE names."""
-        named = os.environ.get("HOLOPATH_CACHE")
-        if named:
-            return cls(named)
+        """Store in the folder that HOLOPATH_CACHE names, or else in the user's own cache."""
+        folder = os.environ.get("HOLOPATH_CACHE")
+        if folder:
+            return cls(folder)
         if os.name == "nt":
             base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
         elif os.uname().sysname == "Darwin":
@@ -234,14 +236,14 @@ class BakeStore:
 
     @property
     def speed(self) -> Path | None:
-        """Folder in which this machine's speed is kept, see `planning.machine`; None for none."""
+        """Folder in which this machine's speed is stored, see `planning.machine`; None for none."""
         return self.folder
 
     def _file(self, triangles):
         return self.folder / (triangles.structure + SUFFIX)
 
     def size(self, triangles: Triangles | None = None) -> int:
-        """Bytes of the light baked for these triangles, or of all."""
+        """Size in bytes of the file for these triangles, or of all files."""
         files = self.files() if triangles is None else [self._file(triangles)]
         total = 0
         for file in files:
@@ -250,7 +252,7 @@ class BakeStore:
         return total
 
     def files(self) -> list[Path]:
-        """All files, the oldest first."""
+        """List all files, the oldest first."""
 
         def age(file):
             with suppress(OSError):
@@ -261,17 +263,17 @@ class BakeStore:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing can be found in it."""
+        """Whether there is no file."""
         return not self.files()
 
     def load(self, triangles: Triangles) -> tuple[Stored | None, str]:
-        """What is stored for these triangles.
+        """Read the stored light of some triangles.
 
         Returns
         -------
-        Stored or None
-        str
-            What is wrong with the file, if something is; it is baked again then.
+        stored : Stored or None
+        fault : str
+            Sentence on a file that cannot be read, and is baked again; empty if there is none.
         """
         file = self._file(triangles)
         try:
@@ -279,8 +281,9 @@ class BakeStore:
                 values = {name: arrays[name] for name in arrays.files}
             if int(values.pop("version")) != VERSION:
                 return None, ""
-            for name, kind in KINDS.items():
+            for name, kind in TYPES.items():
                 values[name] = kind(values[name])
+            values["max_samples"] = values.pop("most")
             values["size"] = tuple(int(n) for n in values["size"])
             stored = Stored(**values)
             stored.check(triangles)
@@ -288,13 +291,13 @@ class BakeStore:
             return None, ""
         except Exception as error:  # a damaged archive raises many kinds
             reason = " ".join(str(error).split())
-            return None, f"The baked light in {file.name} cannot be read ({reason}): it is baked again."
+            return None, f"The baked light in {file.name} cannot be read ({reason}). It is baked again."
         with suppress(OSError):
-            os.utime(file)  # the oldest files are the first to go
+            os.utime(file)  # the oldest files are deleted first
         return stored, ""
 
     def head(self, triangles: Triangles) -> Head | None:
-        """The `Head` of what is stored for these triangles, None where nothing can be read."""
+        """Read the head of the file for some triangles; None if there is none that can be read."""
         with suppress(Exception), np.load(self._file(triangles), allow_pickle=False) as arrays:
             if int(arrays["version"]) == VERSION:
                 texels = math.prod(int(n) for n in arrays["size"])
@@ -302,12 +305,12 @@ class BakeStore:
         return None
 
     def take(self, request: BakeRequest) -> Found | None:
-        """What was kept for the same request; only once."""
+        """Return the kept result for the same request, and forget it; None if there is none."""
         kept, self.kept = self.kept, None
         return kept[1] if kept and kept[0].same(request) else None
 
     def save(self, triangles: Triangles, stored: Stored) -> None:
-        """Keep baked light, whole or not at all; what was stored for the same triangles goes.
+        """Write baked light, whole or not at all, in place of that for the same triangles.
 
         Raises
         ------
@@ -320,12 +323,14 @@ class BakeStore:
             self.folder.mkdir(parents=True, exist_ok=True)
             handle, part = tempfile.mkstemp(prefix=".part-", dir=self.folder)
             with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, version=VERSION, **vars(stored))
+                values = vars(stored) | {"most": stored.max_samples}
+                del values["max_samples"]
+                np.savez(stream, version=VERSION, **values)
             os.replace(part, file)
         except OSError as error:
             raise InvalidInput(
-                f"Baked light cannot be kept in {self.folder} ({error.strerror}): free space there, or name another "
-                f"folder in HOLOPATH_CACHE."
+                f"Baked light cannot be stored in {self.folder} ({error.strerror}). Free space there, or set "
+                "HOLOPATH_CACHE to another folder."
             ) from error
         finally:
             if part is not None:
@@ -335,7 +340,7 @@ class BakeStore:
 
     def _shrink(self, newest):
         files = [file for file in self.files() if file != newest]
-        excess = self.size() - MOST_BYTES
+        excess = self.size() - MAX_BYTES
         for file in files:
             if excess <= 0:
                 break
@@ -344,7 +349,7 @@ class BakeStore:
                 file.unlink()
 
     def clear(self) -> int:
-        """Delete all that is stored; bytes that were freed."""
+        """Delete all files; return the number of bytes that this frees."""
         before = self.size()
         for file in [*self.files(), *self.folder.glob(".part-*")]:
             with suppress(OSError):
@@ -353,17 +358,17 @@ class BakeStore:
 
 
 class JobStore(BakeStore):
-    """The light that all frames of a job have alike: a store in a folder of the job's.
+    """Store in a job's folder, of the light that all its frames share.
 
-    Until it is sealed, it begins with what another store holds, and that gets what is saved, too.
+    Until it is sealed, it copies files from another store when they are needed, and saves to both.
 
     Parameters
     ----------
     folder : path
     other : BakeStore or None
-        The user's own.
+        The user's own store.
     sealed : bool
-        Whether it is read alone: what is saved is not kept.
+        Whether it is read-only: `save` does nothing.
     """
 
     def __init__(self, folder: Path | str, other: BakeStore | None, sealed: bool = False) -> None:
@@ -372,22 +377,22 @@ class JobStore(BakeStore):
 
     @property
     def speed(self) -> Path | None:
-        """See `BakeStore.speed`: it is no matter of the job."""
+        """See `BakeStore.speed`: that of the other store."""
         return self._other and self._other.speed
 
     @property
     def empty(self) -> bool:
-        """See `BakeStore.empty`; what it may still begin with counts."""
+        """See `BakeStore.empty`; files of the other store count while they can be copied."""
         return super().empty and (self._sealed or self._other is None or self._other.empty)
 
     def head(self, triangles: Triangles) -> Head | None:
         """See `BakeStore.head`."""
-        self._begin(triangles)
+        self._copy(triangles)
         return super().head(triangles)
 
     def load(self, triangles: Triangles) -> tuple[Stored | None, str]:
         """See `BakeStore.load`."""
-        self._begin(triangles)
+        self._copy(triangles)
         return super().load(triangles)
 
     def save(self, triangles: Triangles, stored: Stored) -> None:
@@ -396,14 +401,14 @@ class JobStore(BakeStore):
             return
         super().save(triangles, stored)
         if self._other is not None:
-            with suppress(InvalidInput):  # the job has it
+            with suppress(InvalidInput):  # the job has its own
                 self._other.save(triangles, stored)
 
-    def _begin(self, triangles):
+    def _copy(self, triangles):
         mine = self._file(triangles)
         if self._sealed or self._other is None or mine.exists():
             return
         theirs = self._other._file(triangles)
-        with suppress(OSError):  # there is none; half a copy would be found damaged, and baked again
+        with suppress(OSError):  # if there is none; half a copy would count as damaged, and be baked again
             shutil.copyfile(theirs, mine)
             os.utime(theirs)

@@ -1,4 +1,4 @@
-"""Baking for one view: what of the cache is there already, what has to be baked, and what was done."""
+"""Baking for one view: load light from the store, bake the rest, and report it."""
 
 from __future__ import annotations
 
@@ -29,38 +29,37 @@ if TYPE_CHECKING:
     from ..scene.specular_chains import FirstHits, SpecularChains
     from .bake_store import BakeStore
 
-MISSING = 0.02  # of the view: less is traced, where the camera has moved
-NOISIER = 1.1  # than asked for: what is stored will do
-COARSE = 0.05  # of the view may have texels of over two pixels
+MAX_MISSING = 0.02  # fraction of the view: less is traced instead, after the camera moved
+TOLERANCE = 1.1  # stored light may be noisier than requested by this factor
+MAX_COARSE = 0.05  # fraction of the view that may lack texels, or have some of over two pixels
 
 
 @dataclass(frozen=True)
 class Bake:
-    """What baking did.
+    """Report of a bake.
 
     Attributes
     ----------
     reused : {'all', 'part', 'charts', 'nothing'}
-        Of what was stored: the light, some of it, or only where texels lie.
+        Stored data that were used: all light, some of it, or only the layout of the texture.
     texels, groups : int
-        In view, and the groups of them that share samples.
+        Texels in view, and groups of texels that share samples.
     samples : int
-        Taken now, for the view.
+        Samples of this bake, for the view.
     noise, error : float or None
-        Relative standard error of what was baked now: of the noisiest groups but for a few, and its root mean square
-        over the light.
+        Relative standard error of the light of this bake, see `gathering.Gathered`.
     coarser : float
-        How many times the texels are larger than pixels, to bound memory.
+        Size of texels over that of pixels, to bound memory.
     dense : int
         Triangles too small or too many for charts.
     traced : tuple of str
-        Shapes whose diffuse light is not cached.
+        Names of shapes whose diffuse light is not cached.
     bytes : int
-        Of the stored file, 0 where nothing is stored.
-    seconds : dict
-        Of each stage.
+        Size of the stored file; 0: none.
+    seconds : dict of str to float
+        Seconds of each stage.
     note : str
-        What was wrong with a stored bake, or why there is none; empty if nothing.
+        Fault of a stored bake, or reason why none is stored; empty if there is none.
     """
 
     reused: str
@@ -78,53 +77,48 @@ class Bake:
 
 
 def find(request: BakeRequest, store: BakeStore | None, triangles: Triangles | None = None) -> Found:
-    """Look for light in a store, as good as asked for.
+    """Look in a store for light as accurate as requested.
 
     Parameters
     ----------
     request : BakeRequest
     store : BakeStore or None
     triangles : Triangles, optional
-        Of the scene.
-
-    Returns
-    -------
-    Found
+        Triangles of the scene, if they are known already.
     """
     triangles, digest = triangles or _triangles(request.scene), _digest(request)
     triangles.leave_out(inseparable(triangles))
-    view, seen = CameraView(request), CameraView(request, margin=1.0)
+    wide_view, view = CameraView(request), CameraView(request, margin=1.0)
     surfaces = surfaces_of(request.scene)
     translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
     cache, missing = None, 1.0
     stored, note = store.load(triangles) if store else (None, "")
     if stored is not None and _serves(stored, digest, request):
-        request = replace(
-            request, noise=min(request.noise, stored.noise), most=max(request.most, stored.most)
-        )
+        noise, samples = min(request.noise, stored.noise), max(request.max_samples, stored.max_samples)
+        request = replace(request, noise=noise, max_samples=samples)
         triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
         cache = stored.cache(triangles, len(triangles.meshes) == len(surfaces), translucent)
         if cache is not None:
-            missing, lacking = _coverage(seen, cache)
-            if lacking > COARSE:
+            missing, lacking = _coverage(view, cache)
+            if lacking > MAX_COARSE:
                 cache, missing = None, 1.0
-    return Found(request, triangles, view, seen, translucent, stored, cache, missing, digest, note)
+    return Found(request, triangles, wide_view, view, translucent, stored, cache, missing, digest, note)
 
 
 def found_in(store: BakeStore, request: BakeRequest, worth: Callable[[int], bool]) -> float | None:
-    """Share of a view whose light a store has, as good as asked for, None where it has none of the scene.
+    """Fraction of a view for which a store has light as accurate as requested; None if it has none of the scene.
 
-    What was found is kept for the baking that may follow.
+    The store keeps the result of `find` for the bake that may follow.
 
     Parameters
     ----------
     store : BakeStore
     request : BakeRequest
     worth : callable
-        ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
+        ``worth(texels)``: whether loading so many texels, which may take seconds, is worth it. Else 1 is returned.
     """
-    store.kept = None  # what an earlier plan found may be of other light
-    if store.empty:  # to sort a million triangles takes a second
+    store.kept = None  # the result for an earlier plan may be outdated
+    if store.empty:  # sorting a million triangles takes a second
         return None
     triangles = _triangles(request.scene)
     head = store.head(triangles)
@@ -136,18 +130,22 @@ def found_in(store: BakeStore, request: BakeRequest, worth: Callable[[int], bool
     store.kept = request, found
     if found.cache is None:
         return None
-    return 1.0 if found.missing <= MISSING else 1 - found.missing
+    return 1.0 if found.missing <= MAX_MISSING else 1 - found.missing
 
 
-def _coverage(seen, cache):
-    """Shares of the view that a cache lacks, and that it has no fine texels for."""
-    missing, lost, coarse = seen.coverage(cache)
-    cache.complete &= lost == 0  # sides that no probe met when the texture was laid out
+def _coverage(view, cache):
+    """Fractions of the view that are not baked, and that have no texels or coarse ones."""
+    missing, lost, coarse = view.coverage(cache)
+    cache.complete &= lost == 0  # sides that no probe ray met when the texture was laid out
     return missing, lost + coarse
 
 
 def _serves(stored, digest, request):
-    return stored.digest == digest and stored.noise <= NOISIER * request.noise and stored.most >= request.most
+    return (
+        stored.digest == digest
+        and stored.noise <= TOLERANCE * request.noise
+        and stored.max_samples >= request.max_samples
+    )
 
 
 def _triangles(scene):
@@ -169,7 +167,7 @@ def bake(
     progress: Progress | None = None,
     anew: bool = False,
 ) -> tuple[RadianceCache, Bake]:
-    """The radiance cache of what a camera sees, taken from a store as far as it is there.
+    """Bake the radiance cache of a camera's view, with light from a store as far as it is there.
 
     Parameters
     ----------
@@ -182,7 +180,7 @@ def bake(
     progress : callable, optional
         ``progress(done, message)``, may raise.
     anew : bool
-        Bake whatever is in the store, which gets the new light in its place.
+        Whether to bake all light again, and replace that in the store.
 
     Returns
     -------
@@ -202,15 +200,15 @@ def bake(
     if cache is None:
         with clock("unwrap"):
             cache, charted = _laid_out(found, lambda done: progress(0.1 * done, "Unwrapping"))
-            missing, _ = _coverage(found.seen, cache)
+            missing, _ = _coverage(found.view, cache)
         with clock("solve"):
             solve(request, cache, lambda done: progress(0.1 + 0.3 * done, "Baking light between surfaces"))
     with clock("gather"):
-        texels, side = found.view.seen(cache.atlas)
+        texels, side = found.wide_view.texels(cache.atlas)
         new = ~cache.baked(texels)
-        if (fresh or missing > MISSING) and new.any():
+        if (fresh or missing > MAX_MISSING) and new.any():
             groups = Groups.of(cache.atlas, texels[new], side[new])
-            limit = plan.radiance_limit or math.inf  # a view in the dark says nothing of others
+            limit = plan.radiance_limit or math.inf  # 0 of a dark view means nothing for wider ones
             gathered = gather(
                 request, cache, groups, limit, lambda done: progress(0.4 + 0.6 * done, "Baking light in view")
             )
@@ -232,9 +230,9 @@ def bake(
 
 
 def _laid_out(found, progress):
-    """A cache of no light yet, and whether the stored charts serve it."""
+    """Cache without light, and whether it uses the stored layout."""
     triangles, stored = found.triangles, found.stored
-    texel, sides = found.view.reach(triangles)
+    texel, sides = found.wide_view.reach(triangles)
     triangles.leave_out(unfit(triangles, texel, sides))
     charted = stored is not None and stored.layout.serves(triangles, texel, sides)
     layout = stored.layout if charted else lay_out(triangles, texel, sides, progress)
@@ -243,14 +241,13 @@ def _laid_out(found, progress):
 
 
 def _stored(store, found, cache, changed):
-    """Bytes of the stored file, and what is wrong; what has `changed` is saved first."""
+    """Size of the stored file in bytes, and its fault; light that `changed` is saved first."""
     note = found.note
     if changed:
         try:
-            store.save(
-                found.triangles, Stored.of(cache, found.digest, found.request.noise, found.request.most)
-            )
-        except InvalidInput as fault:  # the light is good all the same
+            stored = Stored.of(cache, found.digest, found.request.noise, found.request.max_samples)
+            store.save(found.triangles, stored)
+        except InvalidInput as fault:  # the light can be used nevertheless
             note = str(fault)
     return store.size(found.triangles), note
 

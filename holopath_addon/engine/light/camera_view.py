@@ -1,4 +1,4 @@
-"""What a camera sees of textures over surfaces: how fine its texels must be, which are in view, which are missing."""
+"""A camera's view of the texture over surfaces: the size that texels need, texels in view, and missing ones."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from .radiance_cache import RadianceCache
 
 PROBE_RAYS = 1 << 18
-PROBE_DEPTH = 6  # surfaces on the way of a probe
-UNSEEN_TEXELS = 1 << 18  # about how many show what is only seen by way of other surfaces
-LEAST_TEXELS = 8  # across a part that no probe met
-MARGIN = 1.15  # of the view's width: after small moves of the camera its texels are baked
-GRAZING = 0.05  # least cosine that texels are stretched for
+PROBE_DEPTH = 6  # surfaces that a probe ray meets
+INDIRECT_TEXELS = 1 << 18  # approximate number of texels of surfaces that are seen only by way of others
+MIN_TEXELS = 8  # across a part that no probe ray met
+MARGIN = 1.15  # width that is baked over that of the view: small moves of the camera then need no baking
+MIN_COSINE = 0.05  # minimum cosine for which texels are stretched
 
 
 @dataclass(frozen=True)
 class BakeRequest:
-    """Which light is wanted.
+    """Light to bake: a view of a scene, and its accuracy.
 
     Attributes
     ----------
@@ -43,13 +43,13 @@ class BakeRequest:
     camera : Camera
     hologram : Hologram
     near : float
-        World depth of the volume's near end, metres.
+        World depth of the volume's near end, meters.
     optics : FirstHits or SpecularChains
     settings : Settings
     noise : float
-        Relative standard error of texels.
-    most : int
-        Samples of a texel at most.
+        Target of the relative standard error of texels.
+    max_samples : int
+        Maximum samples of a texel.
     """
 
     scene: mi.Scene
@@ -59,27 +59,27 @@ class BakeRequest:
     optics: FirstHits | SpecularChains
     settings: Settings
     noise: float
-    most: int
+    max_samples: int
 
     def same(self, other: BakeRequest) -> bool:
-        """Whether it is for the very same scene, camera and hologram, and equal numbers."""
+        """Whether both are for the same objects (scene, camera, hologram) and equal numbers."""
         return (
             self.scene is other.scene
             and self.camera is other.camera
             and self.hologram is other.hologram
-            and (self.near, self.settings, self.noise, self.most)
-            == (other.near, other.settings, other.noise, other.most)
+            and (self.near, self.settings, self.noise, self.max_samples)
+            == (other.near, other.settings, other.noise, other.max_samples)
         )
 
 
 class CameraView:
-    """What a camera sees, or a little more, beyond the edges of its view.
+    """View of a camera, or a slightly wider one.
 
     Parameters
     ----------
     request : BakeRequest
     margin : float
-        Width to look at, of the view's.
+        Width over that of the camera's view.
     """
 
     def __init__(self, request: BakeRequest, margin: float = MARGIN) -> None:
@@ -90,8 +90,8 @@ class CameraView:
         self._mapping = DepthMapping.of(request.hologram, self._camera, request.near)
         self._optics, self._seed = request.optics, request.settings.seed
 
-    def _look(self, stride):
-        """Rays through every so many pixels and the whole pupil, how many, and what they see."""
+    def _probe(self, stride):
+        """Number of rays through the pupil and every `stride`-th pixel, their sampler and their image points."""
         hologram = self._hologram
         columns, rows = math.ceil(hologram.width / stride), math.ceil(hologram.height / stride)
         size = columns * rows
@@ -106,31 +106,31 @@ class CameraView:
         rays = Rays(hologram, self._camera, self._mapping, self._mapping.z_far)
         ray, _ = rays.world(*rays.place(column, row), slope.x, slope.y)
         branch = mi.UInt32(sampler.next_1d() * self._optics.branches)
-        seen = self._optics.view(self._scene, ray, branch)
-        seen.path = seen.path + rays.start
-        return size, sampler, seen
+        point = self._optics.view(self._scene, ray, branch)
+        point.path = point.path + rays.start
+        return size, sampler, point
 
     def reach(self, triangles: Triangles) -> tuple[np.ndarray, set[tuple[int, int]]]:
-        """How fine the texels of each part must be, and which sides of which owners light leaves for the camera.
+        """Size that the texels of each part need, and sides that send light to the camera.
 
-        What is seen directly, or by way of mirrors and clear glass, gets texels of a pixel of the hologram; what
-        lights it, coarse ones.
+        Surfaces that are seen directly, or by way of mirrors and clear glass, get texels of a hologram's pixel; those
+        that light them, coarse ones.
 
         Returns
         -------
         texel : numpy.ndarray, shape (triangles.parts,)
-            Metres of the part's own mesh.
+            Side of a texel, meters of the part's own mesh.
         sides : set of (int, int)
-            As `Atlas` takes them.
+            Parameter of `atlas.lay_out`.
         """
         pixels = self._hologram.width * self._hologram.height
-        size, sampler, seen = self._look(max(1, math.ceil(math.sqrt(pixels / PROBE_RAYS))))
+        size, sampler, point = self._probe(max(1, math.ceil(math.sqrt(pixels / PROBE_RAYS))))
         direct, path_to = (loaded(mi.Float, np.full(max(1, triangles.parts), np.inf)) for _ in "12")
         reached = dr.zeros(mi.UInt32, 2 * triangles.numbers)
         context = mi.BSDFContext()
         pixel = self._hologram.pitch / self._mapping.focal
-        state = (mi.Ray3f(seen.ray), mi.PreliminaryIntersection3f(seen.surface), mi.Float(seen.path))
-        state += (sampler, mi.UInt32(0), mi.Bool(seen.exists))
+        state = (mi.Ray3f(point.ray), mi.PreliminaryIntersection3f(point.surface), mi.Float(point.path))
+        state += (sampler, mi.UInt32(0), mi.Bool(point.exists))
 
         def body(ray, surface, path, sampler, number, active):
             owner, row, known = triangles.row(surface, active)
@@ -153,33 +153,34 @@ class CameraView:
         direct, path_to = np.array(direct, np.float64), np.array(path_to, np.float64)
         area = triangles.areas()
         met = np.isfinite(path_to) & (area > 0)
-        turn = math.sqrt((area[met] / path_to[met] ** 2).sum() / UNSEEN_TEXELS)
+        angle = math.sqrt((area[met] / path_to[met] ** 2).sum() / INDIRECT_TEXELS)
         with np.errstate(invalid="ignore"):
-            texel = np.where(met, np.minimum(direct, turn * path_to), np.sqrt(area) / LEAST_TEXELS)
+            texel = np.where(met, np.minimum(direct, angle * path_to), np.sqrt(area) / MIN_TEXELS)
         texel = np.clip(texel, 1e-9, 1e9)
         return texel, {(int(n) // 2, int(n) % 2) for n in np.flatnonzero(np.array(reached))}
 
-    def seen(self, atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
-        """Texels in view, and the side in texels of the squares of them that a pixel covers.
+    def texels(self, atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
+        """Texels in view, and the squares of texels that a pixel covers.
 
         Returns
         -------
         texels : numpy.ndarray of uint32
             All texels of each block in view.
         side : numpy.ndarray of int
+            Side of each texel's square, texels.
         """
-        _, sampler, seen = self._look(0.5)
+        _, sampler, point = self._probe(0.5)
         across, down = atlas.width // BLOCK, atlas.size // atlas.width // BLOCK
         finest = loaded(mi.Float, np.full(across * down, np.inf))
-        si = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, seen.exists)
-        cosine = dr.dot(si.n, -seen.ray.d)
-        texel, known = atlas.texel(seen.surface, cosine > 0, sampler.next_2d(), seen.exists)
-        # as large as the pixel, which is longer than wide
-        side = self._pixel(atlas, seen, known) * dr.rsqrt(dr.maximum(dr.abs(cosine), GRAZING))
+        si = point.surface.compute_surface_interaction(point.ray, mi.RayFlags.All, point.exists)
+        cosine = dr.dot(si.n, -point.ray.d)
+        texel, known = atlas.texel(point.surface, cosine > 0, sampler.next_2d(), point.exists)
+        # of the same area as the pixel, which is longer than wide on the surface
+        side = self._pixel(atlas, point, known) * dr.rsqrt(dr.maximum(dr.abs(cosine), MIN_COSINE))
         block = texel // atlas.width // BLOCK * across + texel % atlas.width // BLOCK
         dr.scatter_reduce(dr.ReduceOp.Min, finest, side, block, known)
         finest = np.array(finest).reshape(down, across)
-        # where surfaces are seen at grazing angles, rays are far apart
+        # rays are far apart on surfaces at grazing angles
         marked = binary_closing(np.pad(np.isfinite(finest), 1), np.ones((3, 3)))[1:-1, 1:-1]
         finest = np.where(np.isfinite(finest), finest, minimum_filter(finest, 3))
         side = 1 << np.clip(np.log2(np.clip(finest, 1, BLOCK)), 0, None).astype(int)
@@ -188,33 +189,32 @@ class CameraView:
         return texels.astype(np.uint32), each[texels]
 
     def coverage(self, cache: RadianceCache) -> tuple[float, float, float]:
-        """How much of the view a cache lacks.
+        """Fractions of the view, on surfaces that can be cached, that a cache lacks.
 
         Returns
         -------
         missing, lost, coarse : float
-            Shares of the view on cached surfaces: what is not baked, what has no texels at all, and what has texels
-            of over two pixels.
+            Fractions that are not baked, have no texels, and have texels of over two pixels.
         """
         atlas = cache.atlas
-        _, _, seen = self._look(2)
-        si = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, seen.exists)
-        front = dr.dot(si.n, seen.ray.d) < 0
-        wanted = atlas.triangles.row(seen.surface, seen.exists)[2]
-        texel, known = atlas.texel(seen.surface, front, mi.Point2f(0.5), seen.exists)
+        _, _, point = self._probe(2)
+        si = point.surface.compute_surface_interaction(point.ray, mi.RayFlags.All, point.exists)
+        front = dr.dot(si.n, point.ray.d) < 0
+        cached = atlas.triangles.row(point.surface, point.exists)[2]
+        texel, known = atlas.texel(point.surface, front, mi.Point2f(0.5), point.exists)
         slot = dr.gather(mi.UInt32, cache.slots, 2 * texel, known)
-        coarse = known & (self._pixel(atlas, seen, known) < 0.5 / atlas.layout.coarser)
-        missing, lost = known & (slot == 0), wanted & ~known
-        count = max(1, _count(wanted))
+        coarse = known & (self._pixel(atlas, point, known) < 0.5 / atlas.layout.coarser)
+        missing, lost = known & (slot == 0), cached & ~known
+        count = max(1, _count(cached))
         return _count(missing) / count, _count(lost) / count, _count(coarse) / count
 
-    def _pixel(self, atlas, seen, known):
-        """Side of a pixel, in texels of the surface that is seen."""
-        owner, row, _ = atlas.triangles.row(seen.surface, known)
+    def _pixel(self, atlas, point, known):
+        """Side of a pixel, in texels of the surface at an image point."""
+        owner, row, _ = atlas.triangles.row(point.surface, known)
         scale = dr.gather(mi.Float, atlas.triangles.scale, owner, known)
         part = dr.gather(mi.UInt32, atlas.triangles.part_of, row, known)
         texel = dr.gather(mi.Float, atlas.texel_of, part, known)
-        return self._hologram.pitch / self._mapping.focal * seen.path / (scale * texel)
+        return self._hologram.pitch / self._mapping.focal * point.path / (scale * texel)
 
 
 def _count(lanes):

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Groups:
-    """Texels in groups that share their samples: those in a square, and of one triangle or of small ones.
+    """Groups of texels that share their samples: those in a square that belong to one triangle, or to tiny ones.
 
     Attributes
     ----------
     pool : numpy.ndarray of uint32
-        Texels, those of a group side by side.
+        Texels, group by group.
     starts, counts : numpy.ndarray of uint32
-        Where each group begins in the pool, and how many texels it has.
+        Start of each group in the pool, and its number of texels.
     sides : numpy.ndarray of uint32 or int
-        Side of each group's square in texels.
+        Side of each group's square, texels.
     """
 
     pool: np.ndarray
@@ -35,7 +35,7 @@ class Groups:
 
     @classmethod
     def of(cls, atlas: Atlas, texels: np.ndarray, side: np.ndarray | int) -> Groups:
-        """Groups of texels in squares of `side` texels, a number or one for each."""
+        """Group texels in squares of `side` texels, a number or one for each texel."""
         line, column = texels // atlas.width, texels % atlas.width
         square = (line // side * side).astype(np.int64) * atlas.width + column // side * side
         row = atlas.rows[texels].astype(np.int64)
@@ -49,7 +49,7 @@ class Groups:
 
     @classmethod
     def all_of(cls, atlas: Atlas, side: int) -> Groups:
-        """Groups of all texels of an atlas: as `of`, which need not sort the squares that lie in one triangle."""
+        """Group all texels of an atlas in squares; faster than `of`, as squares in one triangle need no sorting."""
         width, height = atlas.layout.size
         numbers = np.arange(atlas.size, dtype=np.uint32).reshape(height, width)
         rows = atlas.rows.reshape(height, width)
@@ -73,12 +73,12 @@ class Groups:
         return len(self.starts)
 
     def digest(self) -> str:
-        """Of which texels are in which group."""
+        """Digest of the texels in each group."""
         return blake2b(self.pool.tobytes() + self.counts.tobytes(), digest_size=16).hexdigest()
 
     @property
     def leaders(self) -> np.ndarray:
-        """The first texel of each group."""
+        """First texel of each group."""
         return self.pool[self.starts]
 
     @property

@@ -1,4 +1,4 @@
-"""Incoherent light: the radiance that leaves the real image point P towards the viewer (stage s5 of the paper)."""
+"""Incoherent light: radiance that leaves the real image point P towards the viewer (stage s5 of the paper)."""
 
 from __future__ import annotations
 
@@ -17,31 +17,32 @@ if TYPE_CHECKING:
 
     from ..scene.rays import ImagePoint, Rays
 
-DIRECT = (2,)  # vertices of a path that ends at the first surface that lamps light
-CANDIDATES = 8  # lamps that one is drawn of
+DIRECT = (2,)  # vertices of a path whose light comes straight from an emitter
+CANDIDATES = 8  # emitters of which one is drawn
 
 
 class PathTracer:
-    """Path tracing with next-event estimation and multiple importance sampling (Veach 1997, balance and power
-    heuristics as in Mitsuba's `path`), from a surface that is already found.
+    """Path tracer that starts at a known surface, with next-event estimation and multiple importance sampling.
+
+    Balance and power heuristics (Veach 1997) as in Mitsuba's `path`.
 
     Parameters
     ----------
     max_depth : int
         Vertices of a path, as Mitsuba counts them: 1 emission only, 2 direct light.
     limit : float
-        Most that light which was scattered twice or more may add to a path, in radiance: a rare path of great
-        weight (a firefly) then spoils no grain. What is cut is lost.
+        Maximum radiance of a path's light that was scattered twice or more: a rare path of great weight (a firefly)
+        then spoils no grain. The excess is lost.
     cache : RadianceCache, optional
-        Its `diffuse` tells what surfaces scatter diffusely, so that paths follow their other lobes only.
+        Source of diffusely scattered light; paths then follow other lobes only.
     """
 
     def __init__(self, max_depth: int, limit: float = dr.inf, cache: Any = None) -> None:
-        # no literals: one kernel for all
+        # opaque numbers, not literals: one compiled kernel for all
         self.max_depth, self.limit = dr.opaque(mi.UInt32, max_depth), dr.opaque(mi.Float, limit)
         self.cache = cache
-        self._all, self._glossy, self._matt = mi.BSDFContext(), mi.BSDFContext(), mi.BSDFContext()
-        self._glossy.type_mask, self._matt.type_mask = GLOSSY, DIFFUSE
+        self._all, self._glossy, self._diffuse = mi.BSDFContext(), mi.BSDFContext(), mi.BSDFContext()
+        self._glossy.type_mask, self._diffuse.type_mask = GLOSSY, DIFFUSE
 
     def radiance(
         self,
@@ -53,7 +54,7 @@ class PathTracer:
         active: mi.Bool | bool = True,
         parts: tuple[mi.Float, mi.Bool] | None = None,
     ) -> mi.Color3f:
-        """Radiance along a ray from where it meets a surface, one path.
+        """Radiance of one path along a ray from a surface that it met.
 
         Parameters
         ----------
@@ -61,12 +62,12 @@ class PathTracer:
         sampler : Sampler
         ray : mitsuba.Ray3f
         surface : mitsuba.PreliminaryIntersection3f
-            From the ray.
+            Surface that the ray met.
         whole : mitsuba.Bool
-            False leaves out what the surface's δ lobes add.
+            False leaves out the light of the surface's δ lobes.
         active : mitsuba.Bool
         parts : (mitsuba.Float, mitsuba.Bool), optional
-            Share of the surface's glossy light, and whether its other light counts.
+            Weight of the surface's glossy light, and whether its other light counts.
 
         Returns
         -------
@@ -86,20 +87,31 @@ class PathTracer:
         active: mi.Bool | bool = True,
         parts: tuple[mi.Float, mi.Bool] | None = None,
     ) -> list[mi.Color3f]:
-        """What `radiance` adds up, without its limit: light of paths with ends[0] vertices at most, of those with more
-        and ends[1] at most, and so on; last of those with still more.
-        """
-        return self._followed(scene, _Path(ray, surface, sampler, active, ends), whole, parts).found
+        """Light of one path by its numbers of vertices; the sum is `radiance` without its limit.
 
-    def scattered(
+        Parameters
+        ----------
+        scene, sampler, ray, surface, whole, active, parts
+            See `radiance`.
+        ends : tuple of int
+            Maximum vertices of each class of paths, in ascending order.
+
+        Returns
+        -------
+        list of mitsuba.Color3f
+            Light of paths with up to ends[0] vertices, with more and up to ends[1], and so on, and of all longer ones.
+        """
+        return self._follow(scene, _Path(ray, surface, sampler, active, ends), whole, parts).light
+
+    def scattered_light(
         self,
         scene: mi.Scene,
         sampler: Sampler,
         si: mi.SurfaceInteraction3f,
         context: mi.BSDFContext,
-        turn: tuple[mi.Point2f, mi.Point2f],
+        samples: tuple[mi.Point2f, mi.Point2f],
     ) -> tuple[mi.Color3f, mi.Color3f, mi.Float]:
-        """Light from lamps, and from what they light, that some lobes of a surface scatter to si.wi; one path.
+        """Light of one path that some lobes of a surface scatter to si.wi.
 
         Parameters
         ----------
@@ -107,30 +119,31 @@ class PathTracer:
         sampler : Sampler
         si : mitsuba.SurfaceInteraction3f
         context : mitsuba.BSDFContext
-            Which lobes.
-        turn : pair of mitsuba.Point2f
-            Uniform in the unit square: for a point on the lamps, and for a direction.
+            Selects the lobes.
+        samples : pair of mitsuba.Point2f
+            Uniform in the unit square: for a point on the emitters, and for a direction.
 
         Returns
         -------
         direct, indirect : mitsuba.Color3f
+            Light straight from emitters, and by way of other surfaces.
         distance : mitsuba.Float
-            To where the path went, metres.
+            Distance to the next surface of the path, meters.
         """
-        bsdf, (lamp_turn, bsdf_turn) = si.bsdf(), turn
-        light = self._next_event(scene, sampler, si, bsdf, [(context, True)], lamp_turn)
-        sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_turn)
+        bsdf, (emitter_sample, bsdf_sample) = si.bsdf(), samples
+        light = self._next_event(scene, sampler, si, bsdf, [(context, True)], emitter_sample)
+        sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_sample)
         path = _Path(None, None, sampler, dr.max(value) > 0)
         path.leave(scene, si, sample, value)
         distance = path.surface.t
-        direct, indirect = self._followed(scene, path, mi.Bool(True)).found
+        direct, indirect = self._follow(scene, path, mi.Bool(True)).light
         return light + direct, self._limited(indirect), distance
 
     def _limited(self, light):
         return light * dr.minimum(1, self.limit / dr.maximum(dr.max(light), 1e-30))
 
-    def _followed(self, scene, path, whole, parts=None):
-        """The path at its end."""
+    def _follow(self, scene, path, whole, parts=None):
+        """Follow a path to its end."""
         state, ends = path.state(), path.ends
 
         def body(*state):
@@ -139,44 +152,44 @@ class PathTracer:
             si = path.surface.compute_surface_interaction(path.ray, mi.RayFlags.All, active)
             bsdf = si.bsdf()
             # emission, unless next-event estimation at the last vertex would have found it
-            seen = mi.DirectionSample3f(scene, si, path.before)
-            by_lamp = scene.pdf_emitter_direction(path.before, seen, active & ~path.sharp)
-            weight = path.share * _power(path.density, by_lamp)
-            gloss = matt = mi.Bool(False)
+            direction = mi.DirectionSample3f(scene, si, path.before)
+            emitter_density = scene.pdf_emitter_direction(path.before, direction, active & ~path.sharp)
+            weight = path.throughput * _power(path.density, emitter_density)
+            gloss = diffuse = mi.Bool(False)
             if parts is not None:
-                share, rest = parts
+                fraction, rest = parts
                 gloss = (path.depth == 0) & ~rest
-                matt = (path.depth == 0) & rest & (path.sampler.next_1d() >= share)
+                diffuse = (path.depth == 0) & rest & (path.sampler.next_1d() >= fraction)
             path.gather(0, dr.select(gloss, 0, weight * si.emitter(scene, active).eval(si, active)))
             active &= si.is_valid()
-            lobes = [(self._all, active & ~gloss & ~matt)]
+            lobes = [(self._all, active & ~gloss & ~diffuse)]
             if parts is not None:
-                lobes += [(self._glossy, active & gloss), (self._matt, active & matt)]
+                lobes += [(self._glossy, active & gloss), (self._diffuse, active & diffuse)]
             if self.cache is not None:
                 light, cached = self.cache.diffuse(
                     path.surface, si, bsdf, path.sampler, path.depth == 0, active
                 )
-                shown = cached & ~gloss & (path.depth + 1 < self.max_depth)
-                path.gather(1, dr.select(shown, path.share * light, 0))
+                counts = cached & ~gloss & (path.depth + 1 < self.max_depth)
+                path.gather(1, dr.select(counts, path.throughput * light, 0))
                 others = (
                     [] if self.cache.complete else [(context, lanes & ~cached) for context, lanes in lobes]
                 )
-                lobes = [(self.cache.others, active & cached & ~matt), *others]
+                lobes = [(self.cache.others, active & cached & ~diffuse), *others]
             active &= path.depth + 1 < self.max_depth
             lobes = [(context, lanes & active) for context, lanes in lobes]
-            near = self._next_event(scene, path.sampler, si, bsdf, lobes, path.sampler.next_2d())
-            path.gather(1, path.share * near)
-            chance, turn = path.sampler.next_1d(), path.sampler.next_2d()
+            direct = self._next_event(scene, path.sampler, si, bsdf, lobes, path.sampler.next_2d())
+            path.gather(1, path.throughput * direct)
+            u, v = path.sampler.next_1d(), path.sampler.next_2d()
             sample, value = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
             for context, lanes in lobes:
-                drawn, drawn_value = bsdf.sample(context, si, chance, turn, lanes)
-                sample, value = dr.select(lanes, drawn, sample), dr.select(lanes, drawn_value, value)
-            # a path that leaves P by a δ lobe is another branch's
+                lobe_sample, lobe_value = bsdf.sample(context, si, u, v, lanes)
+                sample, value = dr.select(lanes, lobe_sample, sample), dr.select(lanes, lobe_value, value)
+            # a path that leaves P by a δ lobe belongs to another branch
             sharp = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
             path.active = active & (whole | (path.depth > 0) | ~sharp)
             if self.cache is not None:
-                # Russian roulette: what a cached surface does not scatter diffusely is often little
-                chance = dr.select(path.depth > 0, dr.minimum(dr.max(path.share * value), 1), 1)
+                # Russian roulette: other lobes of a cached surface often scatter little
+                chance = dr.select(path.depth > 0, dr.minimum(dr.max(path.throughput * value), 1), 1)
                 path.active &= path.sampler.next_1d() < chance
                 value /= dr.maximum(chance, 1e-30)
             path.leave(scene, si, sample, value)
@@ -184,44 +197,44 @@ class PathTracer:
 
         return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"), ends)
 
-    def _next_event(self, scene, sampler, si, bsdf, lobes, turn):
-        """Light that comes straight from a lamp and that these lobes scatter to si.wi.
+    def _next_event(self, scene, sampler, si, bsdf, lobes, sample):
+        """Light straight from an emitter that some lobes scatter to si.wi.
 
-        Of several lamps one is drawn by what each would give if nothing stood before it: resampled importance sampling
-        (Talbot, Cline and Egbert, EGSR 2005). Candidates are spread evenly over the lamps: all of few.
+        Of several emitters one is drawn by the light of each without shadows: resampled importance sampling (Talbot,
+        Cline and Egbert, EGSR 2005). Candidates are spread evenly over the emitters: all of few.
         """
         smooth = mi.Bool(False)
         for context, lanes in lobes:
             smooth |= lanes & ((bsdf.flags() & (context.type_mask & SMOOTH)) != 0)
 
-        def scattered(turn):
-            """What a lamp would give, and where it is."""
-            lamp, strength = scene.sample_emitter_direction(si, turn, False, smooth)
-            lit = smooth & (lamp.pdf != 0)
-            towards, value, density = si.to_local(lamp.d), mi.Color3f(0), mi.Float(0)
+        def unshadowed(sample):
+            """Light of an emitter without shadows, and the point on it."""
+            emitter, radiance = scene.sample_emitter_direction(si, sample, False, smooth)
+            lit = smooth & (emitter.pdf != 0)
+            towards, value, density = si.to_local(emitter.d), mi.Color3f(0), mi.Float(0)
             for context, lanes in lobes:
                 lobe_value, lobe_density = bsdf.eval_pdf(context, si, towards, lanes & lit)
                 value, density = value + lobe_value, density + lobe_density
-            balance = dr.select(lamp.delta, 1, _power(lamp.pdf, density))
-            return dr.select(lit, value * strength * balance, 0), lamp.p
+            balance = dr.select(emitter.delta, 1, _power(emitter.pdf, density))
+            return dr.select(lit, value * radiance * balance, 0), emitter.p
 
         count = min(len(scene.emitters()), CANDIDATES)
         if count < 2:
-            light, place = scattered(turn)
+            light, place = unshadowed(sample)
         else:
             step, last = dr.opaque(mi.Float, 1 / count), dr.opaque(mi.UInt32, count)
 
             def body(number, chance, total, best, light, place):
-                along = turn.x + mi.Float(number) * step
-                found, point = scattered(mi.Point2f(along - dr.floor(along), turn.y))
-                bright = mean(found)
+                along = sample.x + mi.Float(number) * step
+                candidate, point = unshadowed(mi.Point2f(along - dr.floor(along), sample.y))
+                bright = mean(candidate)
                 bright = dr.select(dr.isfinite(bright), bright, 0)
                 total += bright
-                share = dr.select(bright > 0, bright / total, 0)
-                taken = chance < share
-                chance = dr.select(taken, chance / share, (chance - share) / (1 - share))
-                best, light = dr.select(taken, bright, best), dr.select(taken, found, light)
-                return number + 1, chance, total, best, light, dr.select(taken, point, place)
+                weight = dr.select(bright > 0, bright / total, 0)
+                chosen = chance < weight
+                chance = dr.select(chosen, chance / weight, (chance - weight) / (1 - weight))
+                best, light = dr.select(chosen, bright, best), dr.select(chosen, candidate, light)
+                return number + 1, chance, total, best, light, dr.select(chosen, point, place)
 
             state = (mi.UInt32(0), sampler.next_1d(), mi.Float(0), mi.Float(0), mi.Color3f(0), mi.Point3f(0))
             _, _, total, best, light, place = dr.while_loop(
@@ -234,20 +247,22 @@ class PathTracer:
 
 
 class _Path:
-    """A path on its way (Dr.Jit types): the ray and what it meets, vertices before, its share, the light found by
-    numbers of vertices (see `PathTracer.by_vertices`), the last vertex, and how it was left.
+    """State of a path, in Dr.Jit types.
+
+    It has the ray and the surface that it meets, vertices before, throughput, light by numbers of vertices (see
+    `PathTracer.by_vertices`), the last vertex, and density and kind of the lobe by which the ray left it.
     """
 
     ray: mi.Ray3f
     surface: mi.PreliminaryIntersection3f
 
-    FIELDS = "ray surface depth share found before density sharp sampler active".split()
+    FIELDS = "ray surface depth throughput light before density sharp sampler active".split()
 
     def __init__(self, ray, surface, sampler, active, ends=DIRECT):
-        if ray is not None:  # else it is `leave` that sets out
+        if ray is not None:  # else `leave` sets both
             self.ray, self.surface = mi.Ray3f(ray), mi.PreliminaryIntersection3f(surface)
-        self.depth, self.share = mi.UInt32(0), mi.Color3f(1)
-        self.ends, self.found = ends, [mi.Color3f(0) for _ in range(len(ends) + 1)]
+        self.depth, self.throughput = mi.UInt32(0), mi.Color3f(1)
+        self.ends, self.light = ends, [mi.Color3f(0) for _ in range(len(ends) + 1)]
         self.before, self.density = dr.zeros(mi.Interaction3f), mi.Float(1)
         self.sharp, self.sampler, self.active = mi.Bool(True), sampler, mi.Bool(active)
 
@@ -259,20 +274,20 @@ class _Path:
         return path
 
     def state(self):
-        """What a loop carries."""
+        """State of a Dr.Jit loop."""
         return tuple(getattr(self, name) for name in self.FIELDS)
 
     def gather(self, scatterings, light):
-        """Add light that was scattered so often beyond this vertex."""
-        for number, total in enumerate(self.found):
+        """Add light that was scattered `scatterings` times beyond this vertex."""
+        for number, total in enumerate(self.light):
             late = self.depth + scatterings >= self.ends[number] if number < len(self.ends) else False
-            self.found[number] = total + dr.select(late, 0, light)
+            self.light[number] = total + dr.select(late, 0, light)
             light = dr.select(late, light, 0)
 
     def leave(self, scene, si, sample, value):
         """Go on to the next surface."""
-        self.share *= value
-        self.active &= dr.max(self.share) > 0
+        self.throughput *= value
+        self.active &= dr.max(self.throughput) > 0
         self.before = dr.select(self.active, mi.Interaction3f(si), self.before)
         self.density, self.sharp = sample.pdf, mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         self.ray = si.spawn_ray(si.to_world(sample.wo))
@@ -282,13 +297,13 @@ class _Path:
 
 @dataclass(frozen=True)
 class PathsPerRay:
-    """The radiance of each ray by paths of its own, as the paper has it: dark where a few paths are noisy.
+    """Radiance of each ray by paths of its own, as in the paper: too dark where a few paths are noisy.
 
-    Parameters
+    Attributes
     ----------
     tracer : PathTracer
     paths : int
-        Averaged before the root is taken.
+        Paths that are averaged before the root is taken.
     """
 
     tracer: PathTracer
@@ -303,27 +318,39 @@ class PathsPerRay:
         scene: mi.Scene,
         rays: Rays,
         sampler: Sampler,
-        seen: ImagePoint,
+        point: ImagePoint,
         grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
     ) -> tuple[list, tuple[mi.Float, mi.Float]]:
-        """Roots of the radiance in each of the channels along a ray, and `Rays.tilt` of what it sees."""
+        """Trace paths for amplitudes, the roots of radiances, and `Rays.tilt`; see `RadianceMap.amplitudes`.
+
+        Parameters
+        ----------
+        scene : mitsuba.Scene
+        rays : Rays
+        sampler : Sampler
+        point : ImagePoint
+        grain, slope
+            Not used.
+        channels : sequence of int
+            Color channel of each wavelength.
+        """
 
         def body(number, total, sampler):
             light = self.tracer.radiance(
-                scene, sampler, seen.ray, seen.surface, seen.whole, seen.exists, seen.parts
+                scene, sampler, point.ray, point.surface, point.whole, point.exists, point.parts
             )
-            light /= seen.colour
+            light /= point.color
             return number + 1, total + dr.select(dr.isfinite(light), light, 0), sampler
 
         paths = dr.opaque(mi.UInt32, self.paths)
         state = (mi.UInt32(0), mi.Color3f(0), sampler)
         _, total, _ = dr.while_loop(state, lambda number, *_: number < paths, body, label="paths of a ray")
-        return [dr.sqrt(dr.maximum(total[c], 0) / self.paths) for c in channels], rays.tilt(seen)
+        return [dr.sqrt(dr.maximum(total[c], 0) / self.paths) for c in channels], rays.tilt(point)
 
 
 def _power(chosen, other):
-    """Power heuristic for the technique that was chosen."""
+    """Weight of the chosen technique by the power heuristic."""
     chosen, other = chosen**2, other**2
     return dr.select(chosen > 0, chosen / (chosen + other), 0)

@@ -1,12 +1,12 @@
 """The ambient radiance cache: diffuse light, baked into a texture over all surfaces (the paper's fast variant, s5).
 
-What a texel stores is the light that its surface scatters diffusely, over the surface's reflectance there,
+A texel stores the light that its surface scatters diffusely, over the surface's reflectance,
 
     R = L_d / g,   g(x, w) = pi f_d(w, n),
 
-with L_d radiance, f_d the diffuse lobes of the BSDF between the direction w that it is seen from and the normal n;
-g is the reflectance of a Lambertian surface. So textures stay as sharp as they are, and what depends on w alone,
-as the light that a coat leaves to what lies below, is right from everywhere.
+with L_d radiance, f_d the diffuse lobes of the BSDF between the viewing direction w and the normal n; g is the
+reflectance of a Lambertian surface. So textures stay sharp, and factors that depend on w alone, such as the
+transmittance of a coat, are right from everywhere.
 
 Light is solved for bounce by bounce: L_k = L_e + T L_(k-1), with few samples for groups of texels (the source),
 then once more with many samples for each texel in view, looking up the source where its rays end (final gathering,
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from .atlas import Atlas, Triangles
     from .path_tracer import PathTracer
 
-GROUPS = 1 << 18  # about how many groups of texels the source has: coarser ones leak light at edges
-MOST_LANES = 1 << 17  # groups or texels that draw random numbers together
-LEAST_LANES = 1 << 12
-SEPARABLE = 0.05  # most relative error of the product form of a BSDF's diffuse lobes
-LEAST_DISTANCE = 1e-20  # of a surface that another touches
+GROUPS = 1 << 18  # approximate number of groups of texels of the source: coarser ones leak light at edges
+MAX_LANES = 1 << 17  # groups or texels that share a sequence of random numbers
+MIN_LANES = 1 << 12
+SEPARABLE = 0.05  # maximum relative error of the product form of a BSDF's diffuse lobes
+MIN_DISTANCE = 1e-20  # meters, of surfaces that touch
 ALL = int(mi.BSDFFlags.All)
-# what is summed over samples: R by lamps and by what they light, samples, inverse distances, and of every other
-# sample the mean channel of both
+# Sums over samples: R straight from emitters and by way of other surfaces, samples, inverse distances, and the mean
+# channel of both in every other sample.
 SUMS = np.dtype(
     [("direct", "f4", 3), ("indirect", "f4", 3), ("count", "f4"), ("inverse", "f4"), ("halves", "f4", 2)]
 )
@@ -47,7 +47,7 @@ NUMBERS = SUMS.itemsize // 4
 
 
 class RadianceCache:
-    """Diffuse light on the surfaces of a scene.
+    """Cache of the diffuse light on the surfaces of a scene.
 
     Parameters
     ----------
@@ -55,24 +55,24 @@ class RadianceCache:
     complete : bool
         Whether all surfaces have texels.
     translucent : bool
-        Whether some surfaces scatter diffusely what comes from behind.
+        Whether some surfaces diffusely transmit light.
 
     Attributes
     ----------
     slots : mitsuba.UInt32
-        Two numbers a texel: where it is in `fine`, 0 for nowhere, and its group.
+        Two numbers of each texel: its slot in `fine`, 0 for none, and its coarse group.
     fine : mitsuba.Float
-        Four numbers each: R, and 1 where it is known.
+        Four numbers of each slot: R, and 1 where it is known.
     source : mitsuba.Float
-        Four numbers each of the coarse groups: sums of R over samples, and how many there were.
+        Four numbers of each coarse group: sums of R over samples, and samples.
     coarse : Groups
-        Of all texels.
+        Groups of all texels.
     lanes : int
-        Groups that draw their random numbers together.
+        Groups that share a sequence of random numbers.
     groups : list of Groups
-        Those in `fine`, in their order.
+        Groups in `fine`, in their order.
     others, own : mitsuba.BSDFContext
-        Lobes that are not cached, and those that are.
+        Lobes that are not cached, and cached ones.
     """
 
     def __init__(self, atlas: Atlas, complete: bool, translucent: bool) -> None:
@@ -87,10 +87,10 @@ class RadianceCache:
         self.slots = loaded(mi.UInt32, slots.ravel())
         self.fine, self.source = zeros(4), zeros(4 * max(1, len(self.coarse)))
         lanes = 1 << max(0, len(self.coarse) // 4).bit_length()
-        self.lanes = min(max(lanes, LEAST_LANES), MOST_LANES)
+        self.lanes = min(max(lanes, MIN_LANES), MAX_LANES)
 
     def add(self, groups: Groups, values: np.ndarray) -> None:
-        """Keep what was baked of groups of texels.
+        """Add baked groups of texels.
 
         Parameters
         ----------
@@ -110,13 +110,13 @@ class RadianceCache:
             return np.zeros(0, bool)
         return np.array(dr.gather(mi.UInt32, self.slots, 2 * loaded(mi.UInt32, texels))) > 0
 
-    def picture(self, most: int) -> np.ndarray:
-        """R as a picture of the texture: of the texels in view, else of their coarse groups, black elsewhere.
+    def picture(self, max_size: int) -> np.ndarray:
+        """Image of R over the texture: of texels in view, else of their coarse groups, black elsewhere.
 
         Parameters
         ----------
-        most : int
-            Pixels along a side; larger textures are thinned out.
+        max_size : int
+            Maximum pixels along a side; larger textures are subsampled.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class RadianceCache:
             Row 0 is the top.
         """
         width, height = self.atlas.layout.size
-        step = math.ceil(max(width, height) / most)
+        step = math.ceil(max(width, height) / max_size)
         rows = self.atlas.rows.reshape(height, width)[::step, ::step]
         fine, source = (np.array(values).reshape(-1, 4) for values in (self.fine, self.source))
         slots = np.array(self.slots).reshape(height, width, 2)[::step, ::step]
@@ -142,7 +142,7 @@ class RadianceCache:
         first: mi.Bool,
         active: mi.Bool,
     ) -> tuple[mi.Color3f, mi.Bool]:
-        """Radiance that a surface scatters diffusely to si.wi, and whether the cache knows it (Dr.Jit types).
+        """Radiance that a surface scatters diffusely to si.wi, and whether it is cached (Dr.Jit types).
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class RadianceCache:
         bsdf : mitsuba.BSDFPtr
         sampler : Sampler
         first : mitsuba.Bool
-            Whether it is seen directly: the source is too coarse for that, but for a few places.
+            Whether the surface is seen directly, where the source is too coarse except for small gaps.
         active : mitsuba.Bool
         """
         front = dr.dot(si.n, si.to_world(si.wi)) > 0
@@ -168,7 +168,7 @@ class RadianceCache:
     def reflectance(
         self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, front: mi.Bool, active: mi.Bool | bool
     ) -> mi.Color3f:
-        """g of the module's description: what R is multiplied by."""
+        """Reflectance g of the module's description, by which R is multiplied."""
         normal = mi.Vector3f(0, 0, dr.select(front, 1, -1))
         value = bsdf.eval(self.own, si, normal, active)
         if self.translucent:
@@ -187,39 +187,39 @@ class RadianceCache:
         seed: mi.UInt32,
         lane: mi.UInt32,
     ) -> list[mi.Float]:
-        """Sums over samples of groups of texels, each of any of the group's; one kernel.
+        """Sample groups of texels, each sample at a random one of the group, and add up; one kernel.
 
         Parameters
         ----------
         scene : mitsuba.Scene
         tracer : PathTracer
         pool : mitsuba.UInt32
-            Texels, those of a group side by side.
+            Texels, group by group.
         first, count : mitsuba.UInt32
-            Where each group begins in the pool, and how many texels it has.
+            Start of each group in the pool, and its number of texels.
         samples : int
-            Of each group.
+            Samples of each group.
         done : mitsuba.UInt32
-            How many it has had before.
+            Samples that each group had before.
         seed, lane : mitsuba.UInt32
-            Of each group's random numbers, see `Sampler`.
+            Seed and lane of each group's random numbers, see `Sampler`.
 
         Returns
         -------
         list of mitsuba.Float
-            The numbers of SUMS in turn.
+            Sums in the order of SUMS.
         """
         size = dr.width(first)
         sampler = Sampler.seeded(seed, lane)
-        # R4 sequences (Roberts 2018) from a start of each group's own
+        # R4 sequences (Roberts 2018), each group from a random start
         leader, key = dr.gather(mi.UInt32, pool, first), 2 * seed
         last = done + dr.opaque(mi.UInt32, samples)
         start = [mi.Float(word) * 2.0**-32 for k in (0, 1) for word in mi.sample_tea_32(leader, key + k)]
         steps = [dr.opaque(mi.Float, 1.1673039782614187 ** -(k + 1)) for k in range(4)]
 
         def body(number, sums, sampler):
-            turn = [s + mi.Float(number) * step for s, step in zip(start, steps, strict=True)]
-            turn = [t - dr.floor(t) for t in turn]
+            u = [s + mi.Float(number) * step for s, step in zip(start, steps, strict=True)]
+            u = [each - dr.floor(each) for each in u]
             member = dr.minimum(mi.UInt32(sampler.next_1d() * mi.Float(count)), count - 1)
             texel = dr.gather(mi.UInt32, pool, first + member)
             surface, front = self.atlas.place(texel, sampler.next_2d())
@@ -228,18 +228,18 @@ class RadianceCache:
             towards = normal.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
             si.wi = si.to_local(towards)
             g = self.reflectance(si, si.bsdf(), front, True)
-            turns = mi.Point2f(*turn[:2]), mi.Point2f(*turn[2:])
-            *lights, distance = tracer.scattered(scene, sampler, si, self.own, turns)
+            points = mi.Point2f(*u[:2]), mi.Point2f(*u[2:])
+            *lights, distance = tracer.scattered_light(scene, sampler, si, self.own, points)
             valid = dr.max(g) > 0
             for light in lights:
                 valid &= dr.all(dr.isfinite(light))
-            # in a channel that the surface does not reflect, its light is not known
-            grey = [mean(light) / dr.maximum(mean(g), 1e-30) for light in lights]
+            # the light of a channel that the surface does not reflect is unknown: take the mean
+            gray = [mean(light) / dr.maximum(mean(g), 1e-30) for light in lights]
             lights = [
                 dr.select(valid, dr.select(g > 1e-4 * dr.max(g), light / g, mi.Color3f(rest)), 0)
-                for light, rest in zip(lights, grey, strict=True)
+                for light, rest in zip(lights, gray, strict=True)
             ]
-            inverse = dr.rcp(dr.maximum(distance, LEAST_DISTANCE))
+            inverse = dr.rcp(dr.maximum(distance, MIN_DISTANCE))
             more = [*lights[0], *lights[1], dr.select(valid, 1.0, 0.0), dr.select(valid, inverse, 0)]
             more += [dr.select(number % 2 == 0, mean(light), 0) for light in lights]
             return number + 1, [total + m for total, m in zip(sums, more, strict=True)], sampler
@@ -249,9 +249,15 @@ class RadianceCache:
 
 
 def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
-    """Numbers of the shapes whose diffuse light is not a product of what the viewer's and the lamp's directions give.
+    """Numbers of the shapes whose diffuse lobes are no product of functions of the two directions.
 
-    So it is, too, where a BSDF does not keep its lobes apart.
+    They count as such, too, if the BSDF does not evaluate its lobes separately.
+
+    Parameters
+    ----------
+    triangles : Triangles
+    samples : int
+        Random pairs of directions for each mesh.
     """
     if not triangles.meshes:
         return set()
@@ -268,18 +274,18 @@ def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
     si = surface.compute_surface_interaction(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
     si.sh_frame = mi.Frame3f(si.n)
     bsdf = si.bsdf()
-    views, lamps = ([mi.warp.square_to_cosine_hemisphere(sampler.next_2d()) for _ in "12"] for _ in "vl")
+    views, lights = ([mi.warp.square_to_cosine_hemisphere(sampler.next_2d()) for _ in "12"] for _ in "vl")
     everything, own, others = mi.BSDFContext(), mi.BSDFContext(), mi.BSDFContext()
     own.type_mask, others.type_mask = DIFFUSE, ALL & ~DIFFUSE
 
-    def value(context, view, lamp):
+    def value(context, view, light):
         si.wi = view
-        return bsdf.eval(context, si, lamp)
+        return bsdf.eval(context, si, light)
 
-    product = value(own, views[0], lamps[0]) * value(own, views[1], lamps[1])
-    crossed = value(own, views[0], lamps[1]) * value(own, views[1], lamps[0])
-    apart = value(own, views[0], lamps[0]) + value(others, views[0], lamps[0])
-    whole = value(everything, views[0], lamps[0])
+    product = value(own, views[0], lights[0]) * value(own, views[1], lights[1])
+    crossed = value(own, views[0], lights[1]) * value(own, views[1], lights[0])
+    apart = value(own, views[0], lights[0]) + value(others, views[0], lights[0])
+    whole = value(everything, views[0], lights[0])
     wrong = np.zeros(size // samples, bool)
     for one, other in ((product, crossed), (apart, whole)):
         one, other = (np.array(v, np.float64).reshape(3, -1, samples) for v in (one, other))
@@ -289,5 +295,5 @@ def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
 
 
 def zeros(count: int) -> mi.Float:
-    """Zeros in memory: a literal would be compiled into the kernel, and compiled anew once it is none."""
+    """Zeros in memory, as a literal would become part of the kernel, which other values compile again."""
     return loaded(mi.Float, np.zeros(count))

@@ -1,4 +1,4 @@
-"""Texture atlases: every triangle of a mesh gets a place of its own in one picture."""
+"""Texture atlases: every triangle of a mesh gets a place of its own in one texture."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 
 try:
     import xatlas
-except ImportError:  # it has no wheel for Blender's newest Python
+except ImportError:  # there is no wheel for Blender's newest Python
     xatlas = None
 
-# xatlas unwraps about 20 000 triangles a second; denser meshes get a cell a triangle.
+# Maximum triangles of a mesh with charts: xatlas unwraps about 20 000 a second; denser meshes get a cell a triangle.
 CHARTED_TRIANGLES = 20_000 if xatlas else 0
 # Texels between charts, and from the edge of a cell to its triangle: a bilinear lookup reads the next one.
 PADDING = 2
-SMALLEST_CELL = 6
-# xatlas ends its threads without a lock: one that is just lying down then misses that it is to end, and is waited for
-# forever (github.com/godotengine/godot/issues/92119). So an atlas goes a while after its work.
-REST, RESTING = 0.02, 4  # seconds, and how many atlases may wait
-# What the user should know; empty where xatlas is there.
+MIN_CELL = 6  # minimum side of a cell with two triangles, texels
+# xatlas ends its threads without a lock: one that is about to wait then misses the signal, and is waited for forever
+# (github.com/godotengine/godot/issues/92119). So an atlas is deleted a while after its work.
+DELETION_DELAY, MAX_WAITING = 0.02, 4  # seconds, and atlases that wait
+# Note for the user; empty if xatlas is there.
 LACKING = (
     ""
     if xatlas
-    else "This Python has no xatlas (there is none for 3.14 yet): baked light has a cell of its texture for every "
-    "triangle, which takes more memory, and is traced on meshes whose triangles differ much in size."
+    else "This Python has no xatlas (there is none for 3.14 yet). Baked light has a texture cell for each triangle, "
+    "which takes more memory, and meshes with triangles of very different sizes are traced."
 )
 
 
-_resting: deque = deque()
+_waiting: deque = deque()
 
 
 def unwrap(vertices: np.ndarray, triangles: np.ndarray, texels: int) -> tuple[np.ndarray, tuple[int, int]]:
@@ -40,14 +40,14 @@ def unwrap(vertices: np.ndarray, triangles: np.ndarray, texels: int) -> tuple[np
     vertices : float32 [vertex, 3]
     triangles : int [triangle, 3]
     texels : int
-        Side of the picture to aim at; it becomes larger where the charts or cells need it.
+        Target side of the texture; it becomes larger where charts or cells need it.
 
     Returns
     -------
     uv : float32 [triangle, 3, 2]
-        Place of each triangle's corners, 0 to 1.
+        Corners of each triangle, 0 to 1.
     size : (int, int)
-        Width and height of the picture in texels.
+        Width and height of the texture, texels.
     """
     places, size = charts(vertices, triangles, resolution=texels) or cells_of(len(triangles), texels)
     return (places / np.array(size)).astype(np.float32), size
@@ -56,20 +56,19 @@ def unwrap(vertices: np.ndarray, triangles: np.ndarray, texels: int) -> tuple[np
 def charts(
     vertices: np.ndarray, triangles: np.ndarray, **packing
 ) -> tuple[np.ndarray, tuple[int, int]] | None:
-    """Charts by xatlas, with few seams and little distortion.
+    """Lay a mesh out in charts by xatlas, with few seams and little distortion.
 
     Parameters
     ----------
     vertices : float32 [vertex, 3]
     triangles : int [triangle, 3]
     **packing
-        Of `xatlas.PackOptions`: `resolution`, side of the picture to aim at, or `texels_per_unit`.
+        Attributes of `xatlas.PackOptions`: `resolution`, target side of the texture, or `texels_per_unit`.
 
     Returns
     -------
     (float32 [triangle, 3, 2], (int, int)) or None
-        Place of each triangle's corners, and width and height, in texels; None where the mesh is too dense, or
-        has no area.
+        Corners of each triangle, and width and height, in texels; None if the mesh is too dense or has no area.
     """
     if len(triangles) > CHARTED_TRIANGLES or xatlas is None:
         return None
@@ -80,10 +79,10 @@ def charts(
     for name, value in packing.items():
         setattr(options, name, value)
     atlas.generate(pack_options=options)
-    _resting.append((atlas, time.monotonic()))
-    if len(_resting) > RESTING:
-        time.sleep(max(0.0, _resting[0][1] + REST - time.monotonic()))
-        _resting.popleft()
+    _waiting.append((atlas, time.monotonic()))
+    if len(_waiting) > MAX_WAITING:
+        time.sleep(max(0.0, _waiting[0][1] + DELETION_DELAY - time.monotonic()))
+        _waiting.popleft()
     if atlas.width * atlas.height == 0 or atlas.atlas_count != 1:
         return None
     _, corners, uv = atlas[0]
@@ -92,25 +91,30 @@ def charts(
 
 
 def cells_of(count: int, texels: int) -> tuple:
-    """`cells` for a picture of about `texels` a side."""
+    """Lay triangles out in `cells` of a texture of about `texels` a side."""
     side = _cells_a_row(count)
-    return cells(count, max(texels // side, SMALLEST_CELL))
+    return cells(count, max(texels // side, MIN_CELL))
 
 
 def cells(count: int, cell: int) -> tuple:
-    """A regular grid of squares of `cell` texels; each holds two triangles, one on either side of its diagonal.
+    """Lay triangles out in a grid of square cells, two in each, one on either side of its diagonal.
 
-    Squares smaller than `SMALLEST_CELL` have no room for two triangles: each triangle then has one texel.
+    Parameters
+    ----------
+    count : int
+        Triangles.
+    cell : int
+        Side of a cell, texels. Below `MIN_CELL` there is no room for two triangles: each then has one texel.
 
     Returns
     -------
     places : float32 [triangle, 3, 2]
-        Of the corners, in texels.
+        Corners, texels.
     size : (int, int)
-        Width and height in texels.
+        Width and height, texels.
     """
     number = np.arange(count)
-    if cell < SMALLEST_CELL:
+    if cell < MIN_CELL:
         side = int(np.ceil(np.sqrt(count)))
         place = np.stack([number % side, number // side], axis=1) + 0.5
         return np.repeat(place[:, None], 3, axis=1).astype(np.float32), (side, -(-count // side))

@@ -1,1 +1,1 @@
-"""A first look at a scene, and how much of it has to be modelled."""
+"""Planning: the survey of a scene, and all decisions on how it is rendered."""

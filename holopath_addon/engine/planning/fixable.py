@@ -1,20 +1,20 @@
-"""Decisions that `Settings.fixed` may take in the plan's place."""
+"""Decisions of the plan that `Settings.fixed` may override."""
 
 from __future__ import annotations
 
 from ..errors import InvalidInput
 from ..settings import DECLARED
 
-MOST_SLABS = 48  # of the radiance map
-GLOSSY_BINS = (2, 6)  # fewest and most along each axis of the pupil
+MAX_SLABS = 48  # depth slabs of the radiance map
+GLOSSY_BINS = (2, 6)  # minimum and maximum of the radiance map's bins along each axis of the pupil
 
-# Lowest and highest value, and what it is.
+# Minimum, maximum and meaning of each value.
 FIXABLE = {
     "chain": (*DECLARED["most_hits"].bounds, "longest chain of mirrors and clear surfaces"),
     "splits": (0, 2, "hits of a chain at which more than one way on is followed"),
     "max_depth": (*DECLARED["max_depth"].bounds, "vertices of a radiance path"),
     "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
-    "slabs": (1, MOST_SLABS, "depth slabs of the radiance map"),
+    "slabs": (1, MAX_SLABS, "depth slabs of the radiance map"),
     "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
     "textures": (0, 1 << 16, "rays a pixel that see textures alone"),
     "filter": (0, 1, "whether grains of one surface share their light"),
@@ -28,19 +28,21 @@ FIXABLE = {
 
 
 def parse_fixed(text: str) -> dict:
-    """Decisions to fix, from words as ``chain=4 passes=64``, with or without commas between; see `FIXABLE`.
+    """Parse decisions to fix, such as ``chain=4 passes=64``.
 
     Parameters
     ----------
     text : str
+        Words NAME=NUMBER, with or without commas between; names are those of `FIXABLE`.
 
     Returns
     -------
-    dict
+    dict of str to int
 
     Raises
     ------
     InvalidInput
+        If a word has another form, or its name or number is not in `FIXABLE`.
     """
     fixed = {}
     for word in text.replace(",", " ").split():
@@ -49,19 +51,30 @@ def parse_fixed(text: str) -> dict:
             fixed[name] = int(value)
         except ValueError:
             raise InvalidInput(
-                f"'{word}' fixes no decision: write NAME=NUMBER, for example chain=4."
+                f"Expected NAME=NUMBER to fix a decision, got '{word}'. Write for example chain=4."
             ) from None
     check_fixed(fixed)
     return fixed
 
 
 def check_fixed(fixed: dict) -> None:
-    """Refuse names and values that no decision has."""
+    """Check names and values of fixed decisions.
+
+    Parameters
+    ----------
+    fixed : dict of str to int
+        `Settings.fixed`.
+
+    Raises
+    ------
+    InvalidInput
+        If a name or its value is not in `FIXABLE`.
+    """
     for name, value in fixed.items():
         if name not in FIXABLE:
-            raise InvalidInput(f"There is no decision '{name}' to fix: choose one of {', '.join(FIXABLE)}.")
-        low, high, what = FIXABLE[name]
+            raise InvalidInput(f"There is no decision '{name}' to fix. Choose one of {', '.join(FIXABLE)}.")
+        low, high, meaning = FIXABLE[name]
         if not (isinstance(value, int) and low <= value <= high):
             raise InvalidInput(
-                f"The fixed {name} ({what}) must be a whole number from {low} to {high}, not {value}."
+                f"The fixed {name} ({meaning}) must be a whole number from {low} to {high}, got {value}."
             )

@@ -1,4 +1,4 @@
-"""How fast this machine is, for what a plan cannot measure in the scene; the fastest measured is kept on disk."""
+"""Speed of this machine, for work that a plan cannot time in the scene; the fastest measured is kept on disk."""
 
 from __future__ import annotations
 
@@ -24,34 +24,33 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _Result = TypeVar("_Result")
-_timing = threading.Lock()  # history and profiling are the process's
+_timing = threading.Lock()  # as the process has one kernel history
 
 FILE = "speed.json"
-KEPT = 600  # seconds
-STEPS = 100_000  # of Python
-LANES, RAYS = 1 << 18, 16  # rays of each lane, which add light of so many frames from one of these grains
-FRAMES, GRAINS = 24, 1 << 16
-SIDE, TRANSFORMS = 1024, 4
+MAX_AGE_SECONDS = 600  # after which the speed is measured again
+STEPS = 100_000  # of a loop in Python
+LANES, RAYS = 1 << 18, 16  # parallel lanes of the timed program, and rays of each
+FRAMES, GRAINS = 24, 1 << 16  # frames to which each ray adds the light of one of these grains
+SIDE, TRANSFORMS = 1024, 4  # pixels along a side of the timed Fourier transforms, and their number
 COPIED = 1 << 22  # complex numbers
 
 
 @dataclass(frozen=True)
 class Slowness:
-    """How many times longer than on the machine that the constants of `costs` are from things take.
+    """Times of this machine over those of the reference machine, on which the constants of `costs` were measured.
 
-    A machine with more cores, or with a graphics card, does not write programs down any faster.
+    More cores, or a graphics card, do not make `core` any faster.
 
     Attributes
     ----------
     core : float
-        What one processor core does: Python, which writes programs down, and meshes.
+        Work of one processor core: Python, which traces programs, and meshes.
     programs : float
-        Dr.Jit's programs, as the sums of all frames that rays add to; what rays meet the pilot times in the scene.
+        Programs of Dr.Jit that add up light for all frames. The intersection of rays is timed in the scene.
     transforms : float
         Fourier transforms, by the library and where it computes, see `waves.libraries`.
     copies : float
-        Copies from a graphics card's memory to the processor's, than on the card of `costs`; 0 where waves are in the
-        processor's.
+        Copies from a graphics card's memory to the processor's; 0 where waves are in the processor's.
     """
 
     core: float
@@ -59,95 +58,97 @@ class Slowness:
     transforms: float
     copies: float = 0.0
 
-    def or_less(self, other: Slowness) -> Slowness:
-        """The least of both, each by itself."""
+    def minimum(self, other: Slowness) -> Slowness:
+        """Minimum of both, each attribute by itself."""
         return Slowness(*map(min, astuple(self), astuple(other)))
 
 
-USUAL = Slowness(0.003, 0.023, 0.027, 0.028)  # seconds of `_measured`'s work on that machine
+REFERENCE = Slowness(
+    0.003, 0.023, 0.027, 0.028
+)  # seconds that `_measured`'s work takes on the reference machine
 
 
 def slowness(folder: Path | None = None, library: str | None = None) -> Slowness:
-    """How slow this machine is.
+    """Slowness of this machine.
 
     Parameters
     ----------
     folder : path, optional
-        Where the figures are kept for `KEPT` seconds. Then they are measured again, and the least count: other
-        programs can make a machine look slow, none can make it look fast. Where Mitsuba, Dr.Jit, the backend or the
-        threads are others, nothing that was kept counts.
+        Folder that keeps the figures for `MAX_AGE_SECONDS`. Later they are measured again, and the minimum counts:
+        other programs can make a machine look slow, but not fast. Figures of another version of Mitsuba or Dr.Jit, or
+        of another backend or number of threads, are discarded.
     library : str, optional
-        By which waves are computed, see `waves.libraries`. Default: that of `libraries.choose`.
+        Library that computes waves, see `waves.libraries`. Default: that of `libraries.choose`.
 
     Returns
     -------
     Slowness
     """
-    return _slowness(folder, library or libraries.choose()[0], time.time() // KEPT)
+    return _slowness(folder, library or libraries.choose()[0], time.time() // MAX_AGE_SECONDS)
 
 
 @lru_cache(2)
 def _slowness(folder, library, now):
-    """`slowness`; a process that runs on looks again when `now` is another."""
+    """`slowness`; a running process measures again when `now` changes."""
     variant = variants.activate()
     import drjit
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
     variant = " ".join([variant, *filter(libraries.ON_CARDS.get, [library])])
-    made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {USUAL}"
-    file, least = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
+    made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {REFERENCE}"
+    file, fastest = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):
             kept = json.loads(file.read_text())
             before = Slowness(**kept["slowness"])
             if kept["made_with"] == made_with and all(0 <= times < 1e3 for times in astuple(before)):
-                least = before
-                if abs(time.time() - file.stat().st_mtime) < KEPT:
-                    return least
-    least = least.or_less(_process_slowness(made_with, library, now))
+                fastest = before
+                if abs(time.time() - file.stat().st_mtime) < MAX_AGE_SECONDS:
+                    return fastest
+    fastest = fastest.minimum(_process_slowness(made_with, library, now))
     if file is not None:
         with suppress(OSError):  # measured again the next time
             file.parent.mkdir(parents=True, exist_ok=True)
             part = file.with_name(f".part-{os.getpid()}-{FILE}")
-            part.write_text(json.dumps({"made_with": made_with, "slowness": asdict(least)}))
+            part.write_text(json.dumps({"made_with": made_with, "slowness": asdict(fastest)}))
             os.replace(part, file)
-    return least
+    return fastest
 
 
 @lru_cache(2)
 def _process_slowness(_made_with, library, _now):
-    """What is measured once in a process, for whichever folder."""
+    """Measure once in a process, for all folders."""
     timed(_programs)  # compiles
-    return reduce(Slowness.or_less, [_measured(library) for _ in range(3)])
+    return reduce(Slowness.minimum, [_measured(library) for _ in range(3)])
 
 
 def _measured(library):
-    """Some of each kind of work, by the seconds that it usually takes."""
+    """Time some of each kind of work, in units of `REFERENCE`."""
     on = libraries.empty_array(library)
     taken = _seconds(_core), timed(_programs)[0], _seconds(lambda: _transforms(on)), _copies(on)
-    return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(USUAL), strict=True)))
+    return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(REFERENCE), strict=True)))
 
 
 def timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
-    """Seconds that the programs of some work run, without what Python takes to write them down.
+    """Time the programs of some work, without the tracing in Python.
 
     Parameters
     ----------
     work : callable
-        ``work()`` returns what Dr.Jit is to compute.
+        ``work()`` returns the arrays that Dr.Jit is to compute.
 
     Returns
     -------
     seconds, compiling : float
-        That programs ran, and that they took to compile.
+        Seconds that programs ran, and that they took to compile.
     result
-        Of the work.
+        Result of the work.
     """
     import drjit as dr
 
     with _timing:
-        dr.kernel_history()  # what others left
+        dr.kernel_history()  # clears that of earlier work
         try:
             with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
                 result = work()
@@ -172,7 +173,7 @@ def _core():
 
 
 def _programs():
-    """Rays' share of the wave kernel but for what they meet: phasors of a grain at random, added for every frame."""
+    """Part of the wave kernel without intersections: rays add the phasors of a random grain to every frame."""
     import drjit as dr
     import mitsuba as mi
 
@@ -197,11 +198,11 @@ def _transforms(on):
     waves = arrays.like(np.ones((SIDE, SIDE), np.complex64), on)
     for _ in range(TRANSFORMS):
         waves = arrays.fft2(waves, workers=variants.threads(), norm="ortho")
-    arrays.on_processor(waves[:1, :1])  # a card is waited for
+    arrays.on_processor(waves[:1, :1])  # waits for a card
 
 
 def _copies(on):
-    """Seconds in which a card's numbers come to the processor; 0 without a card."""
+    """Time a copy from a card to the processor, seconds; 0 without a card."""
     if on_card(on) is None:
         return 0.0
     waves = arrays.zeros((COPIED,), "complex64", on)

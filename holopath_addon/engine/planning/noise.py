@@ -1,4 +1,4 @@
-"""How many radiance paths a pixel takes: noise that hardly shows, and what the pilot's light foretells of it."""
+"""Number of radiance paths a pixel: the target noise, and the noise that the pilot's light predicts."""
 
 from __future__ import annotations
 
@@ -12,86 +12,98 @@ if TYPE_CHECKING:
     from ..settings import Settings
     from .pilot_light import Light
 
-# of a grain's mean, as a share of the random speckle of as many frames as these
-GRAIN_NOISE = {"draft": 1.0, "preview": 0.5, "balanced": 0.35, "high": 0.15}
-USUAL_FRAMES = 8
-# power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
-LESS_NOISE = 1 / 3
-# fewest and most radiance paths a pixel
-PASSES = {"draft": (4, 4), "preview": (8, 64), "balanced": (16, 256), "high": (32, 1024)}
-# times the bright parts of the view: most that one indirect path may add to a mean of the fewest
-FIREFLY = 2.0
-FILTERED = 16.0  # times less variance, textures apart, where grains share their light; halves tell where it is not so
-UNTOLD = 1.2, 2.0  # times the variances that the pilot finds, of light and of textures, over ten scenes
+# Noise of a grain's mean, a fraction of the contrast of random speckle in as many frames
+SPECKLE_FRACTION = {"draft": 1.0, "preview": 0.5, "balanced": 0.35, "high": 0.15}
+REFERENCE_FRAMES = 8  # frames for which `SPECKLE_FRACTION` was set
+# The target noise falls as frames to this power: not all errors fall with frames as speckle does, by 1/2.
+FRAMES_EXPONENT = 1 / 3
+PASSES = {"draft": (4, 4), "preview": (8, 64), "balanced": (16, 256), "high": (32, 1024)}  # minimum, maximum
+# Maximum that an indirect path may add to the mean of the minimum of paths, in radiances of the view's bright parts
+FIREFLY_LIMIT = 2.0
+SHARING_GAIN = (
+    16.0  # times less variance, textures apart, where grains share light; halves show where it is not so
+)
+# Variances that renders have over those that the pilot finds, light and textures, in ten scenes
+LIGHT_VARIANCE_RATIO, TEXTURE_VARIANCE_RATIO = 1.2, 2.0
 
 
-def wanted_noise(settings: Settings) -> float:
-    """Relative standard error of a grain's mean radiance that hardly shows in pictures of so many frames."""
-    usual = GRAIN_NOISE[settings.quality] * speckle_contrast("random", USUAL_FRAMES)
-    return usual * (USUAL_FRAMES / settings.frames) ** LESS_NOISE
+def target_noise(settings: Settings) -> float:
+    """Relative standard error of a grain's mean radiance that hardly shows in images of that many frames."""
+    reference = SPECKLE_FRACTION[settings.quality] * speckle_contrast("random", REFERENCE_FRAMES)
+    return reference * (REFERENCE_FRAMES / settings.frames) ** FRAMES_EXPONENT
 
 
 def texel_noise(settings: Settings) -> float:
-    """The same of a texel that is baked; baked light serves any number of frames, so that of many counts."""
-    return GRAIN_NOISE[settings.quality] * speckle_contrast("random", SETS[-1])
+    """Target noise of a baked texel, for the largest set of frames: baked light serves any number of frames."""
+    return SPECKLE_FRACTION[settings.quality] * speckle_contrast("random", SETS[-1])
 
 
-def most_passes(settings: Settings) -> int:
-    """Radiance paths a pixel, and samples of a texel, at most."""
+def max_passes(settings: Settings) -> int:
+    """Maximum radiance paths a pixel, and samples of a texel."""
     return PASSES[settings.quality][1]
 
 
-def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> int:
-    """Radiance paths a pixel where one has a relative variance of `noise`."""
+def passes_for(settings: Settings, variance: float, min_passes: int | None = None) -> int:
+    """Radiance paths a pixel that reach `target_noise`.
+
+    Parameters
+    ----------
+    settings : Settings
+    variance : float
+        Relative variance of one path.
+    min_passes : int, optional
+        Default: the minimum of `PASSES`.
+    """
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
-    least, most = PASSES[settings.quality]
-    return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
+    fewest, limit = PASSES[settings.quality]
+    return min(max(min_passes or fewest, math.ceil(variance / target_noise(settings) ** 2)), limit)
 
 
-def noise_left(settings: Settings, light: Light) -> float:
-    """Relative variance of a grain's mean, times its paths, textures apart where grains share their light."""
-    shared = sharing(settings)
-    return light.noise if shared == 1 else max(light.noise - light.texture, 0) / shared
+def path_variance(settings: Settings, light: Light) -> float:
+    """Relative variance of a grain's mean times its paths; textures apart where grains share light."""
+    gain = sharing_gain(settings)
+    return light.noise if gain == 1 else max(light.noise - light.texture, 0) / gain
 
 
-def sharing(settings: Settings) -> float:
-    """Times as many paths as its own that a grain's mean is of, roughly."""
-    return FILTERED if settings.fixed.get("filter", 1) else 1.0
+def texture_variance(settings: Settings, light: Light, rays: int) -> float:
+    """Relative variance of a grain's mean by its texture, which so many rays sample."""
+    return 0.0 if sharing_gain(settings) == 1 else TEXTURE_VARIANCE_RATIO * light.texture / rays
 
 
-def firefly(settings: Settings) -> float:
-    """Most that one path may count, in radiances of the bright parts of the view, where there are the fewest."""
-    return FIREFLY * PASSES[settings.quality][0]
+def sharing_gain(settings: Settings) -> float:
+    """Paths that count for a grain's mean, over its own; estimated."""
+    return SHARING_GAIN if settings.fixed.get("filter", 1) else 1.0
+
+
+def firefly_limit(settings: Settings) -> float:
+    """Maximum that one path of the minimum may count, in radiances of the bright parts of the view."""
+    return FIREFLY_LIMIT * PASSES[settings.quality][0]
 
 
 def radiance_limit(settings: Settings, light: Light, passes: int) -> float:
-    """Most that indirect light may add to one path of so many."""
-    return FIREFLY * light.bright * (passes or most_passes(settings)) * sharing(settings)
+    """Maximum radiance that indirect light may add to one of `passes` paths."""
+    return FIREFLY_LIMIT * light.bright * (passes or max_passes(settings)) * sharing_gain(settings)
 
 
-def asked_textures(settings: Settings) -> int | None:
-    """Rays a pixel that see textures alone; None where the first paths tell how many."""
+def requested_texture_rays(settings: Settings) -> int | None:
+    """Rays a pixel that see textures alone; None where the first paths determine the number."""
     return settings.fixed.get("textures", 0 if settings.quality == "draft" else None)
 
 
-def likely(settings: Settings, light: Light) -> tuple[int, int]:
-    """Radiance paths a pixel that will be taken, and rays that see its texture alone, roughly: halves differ by more
-    than the pilot's few paths tell.
+def estimated_rays(settings: Settings, light: Light) -> tuple[int, int]:
+    """Estimate the radiance paths a pixel that a render takes, and its rays a pixel for textures.
+
+    Halves of a render's paths differ by more than the pilot's few paths do.
     """
-    passes = passes_for(settings, UNTOLD[0] * noise_left(settings, light))
-    return passes, likely_textures(settings, light, passes)
+    passes = passes_for(settings, LIGHT_VARIANCE_RATIO * path_variance(settings, light))
+    return passes, estimated_texture_rays(settings, light, passes)
 
 
-def likely_textures(settings: Settings, light: Light, passes: int) -> int:
-    """Rays a pixel that see its texture alone, roughly."""
-    if sharing(settings) == 1:
+def estimated_texture_rays(settings: Settings, light: Light, passes: int) -> int:
+    """Estimate the rays a pixel that see its texture alone, beside so many paths."""
+    if sharing_gain(settings) == 1:
         return 0
-    error = 0.5 * math.sqrt(texture_left(settings, light, passes))
-    asked = asked_textures(settings)
-    return rays_for_textures(error, 0.5 * wanted_noise(settings), passes) if asked is None else asked
-
-
-def texture_left(settings: Settings, light: Light, rays: int) -> float:
-    """Relative variance of a grain's mean by its texture, of which so many rays tell."""
-    return 0.0 if sharing(settings) == 1 else UNTOLD[1] * light.texture / rays
+    error = 0.5 * math.sqrt(texture_variance(settings, light, passes))
+    requested = requested_texture_rays(settings)
+    return rays_for_textures(error, 0.5 * target_noise(settings), passes) if requested is None else requested

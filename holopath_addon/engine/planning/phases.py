@@ -1,4 +1,4 @@
-"""Which encoding is best in the seconds that there are, and how many more frames it goes towards."""
+"""Choice of the encoding for the seconds available, and of the extra frames whose mean it approximates."""
 
 from __future__ import annotations
 
@@ -20,39 +20,42 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..plan import Plan
 
-# More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything.
-ENOUGH, ALL = (96, 100), (192, 400)
-# Steps of few frames, which begin far from their end. With 400 the whole pupil gains 0.1 to 0.4 dB more, and halves of
+# Extra frames and steps of `refine` without a time limit: those that gain most, and all that gain anything.
+DEFAULT_EFFORT, FULL_EFFORT = (96, 100), (192, 400)
+# Steps for few frames, which begin far from their end. With 400 the whole pupil gains 0.1 to 0.4 dB more, and halves of
 # it lose 1 to 2 dB.
-FEW_STEPS = 200
-# Where seconds do: the first frames, if none were traced along, and whole sets beside them, of which the most are
-# chosen that fit. And steps from which on phases are better than those of `joint`, with frames traced along and without
-# (docs/measurements.md, Seconds of encoding).
-LEAST = SETS[-2]
-BY_CLOCK = 7, 4, 2, 1, 0
-LEAST_STEPS = 12, 20
-GAINS = "up to 4 dB", "up to 2 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
+FEW_FRAMES_STEPS = 200
+# With a time limit: the first extra frames, unless some were co-traced, and then whole sets, as many as fit.
+MIN_EXTRA_FRAMES = SETS[-2]
+EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
+# Steps from which `refine` beats `joint`, with co-traced frames and without (docs/measurements.md, Seconds of encoding)
+MIN_STEPS = 12, 20
+# Gains of `DEFAULT_EFFORT` over `joint`, and of `FULL_EFFORT` over that; the same measurement
+GAINS = "up to 4 dB", "up to 2 dB"
 
 
 @dataclass(frozen=True)
 class EncodingPlan:
-    """How phases will be found.
+    """Plan of an encoding.
 
     Attributes
     ----------
     method : str
-        Of `engine.encode`, never ``auto``.
-    frames, steps : int
-        More frames that it goes towards, and steps, at most; 0 where it does not, or the seconds say.
+        A method of `engine.encode` other than ``auto``.
+    frames : int
+        Maximum extra frames whose mean the phases approximate; 0 for none.
+    steps : int
+        Maximum steps; 0 where `seconds` limit them, or for the method's own.
     seconds : float
-        That it takes, foretold or given; 0 where nothing is foretold.
+        Estimated seconds, or the time limit; 0 without either.
     reason : str
+        Reason for the method.
     better : float or None
-        Seconds that would show more; None where they hardly would.
+        Time limit in seconds that would show more; None where it hardly would.
     memory_bytes : float
-        That it takes at most, with the field; 0 where nothing is foretold.
+        Estimated peak with the field; 0 without an estimate.
     randomness : float or None
-        Of the phases that the descent begins with, see `engine.encode`; None for the field's.
+        Randomness of the phases that the descent begins with, see `engine.encode`; None for the field's phases.
     eyebox : float
         Weight of parts of the pupil, see `engine.encode`.
     """
@@ -69,28 +72,28 @@ class EncodingPlan:
 
     @property
     def advice(self) -> str:
-        """What more seconds would bring, a sentence; empty where that is hardly anything."""
+        """Sentence on the gain of more seconds; empty where that is hardly anything."""
         if self.better is None:
             return ""
         gain = GAINS[self.method == "refine"]
-        return f"{_seconds(self.better)} of encoding would gain {gain}, as on the scenes measured."
+        return f"{_seconds(self.better)} of encoding would gain {gain} on scenes like those measured."
 
     @property
     def warnings(self) -> list[str]:
-        """What to know before it begins; see `memory.shortage`, which may raise."""
+        """Warnings about memory; raises `InvalidInput` where the machine has too little, see `memory.shortage`."""
         return shortage(self.memory_bytes, "This encoding")
 
     @property
     def decision(self) -> Decision:
-        """In words."""
-        most = "" if self.steps else "up to "
-        frames = f" towards {most}{self.frames} more frames" if self.frames else ""
+        """Method, extra frames, seconds and memory in words, with the reason."""
+        up_to = "" if self.steps else "up to "
+        frames = f" towards {up_to}{self.frames} more frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
         memory = f", {self.memory_bytes / 1e6:.0f} MB" if self.memory_bytes else ""
         return Decision("encoding", f"{self.method}{frames}{seconds}{memory}", self.reason)
 
     def to_dict(self) -> dict:
-        """JSON-able form."""
+        """Attributes and advice in types that JSON has."""
         return {**asdict(self), "advice": self.advice}
 
 
@@ -106,15 +109,15 @@ def plan_encoding(
     Parameters
     ----------
     plan : Plan
-        Of the field.
+        Plan of the field.
     method : str
-        One of `ENCODINGS`; ``auto`` is left to this.
+        One of `ENCODINGS`; ``auto`` leaves the choice to this function.
     seconds : float, optional
-        That the encoding may take, from the field on.
+        Time limit of the encoding, once the field is there. Default: none.
     along : int
-        More frames that the render traces with its own, see `frames_along`.
+        Extra frames that the render co-traces, see `frames_along`.
     eyebox : float, optional
-        See `engine.encode`. Default: `eyebox_for` the frames.
+        Weight of parts of the pupil, see `engine.encode`. Default: `eyebox_for` the frames.
 
     Returns
     -------
@@ -123,71 +126,78 @@ def plan_encoding(
     Raises
     ------
     InvalidInput
-        If there is no such encoding, or none of such a field.
+        If the encoding is unknown, or does not exist for such a field.
     """
     if method not in ENCODINGS:
-        raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
-    chosen = _chosen(plan, method, seconds, along)
-    memory, frames = plan.phases_memory.get(chosen.method, 0.0), plan.settings.frames
+        raise InvalidInput(f"There is no encoding '{method}'. Choose one of {', '.join(ENCODINGS)}.")
+    frames = plan.settings.frames
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
-    chosen, randomness = replace(chosen, memory_bytes=memory, eyebox=eyebox), _randomness(plan, eyebox)
-    if chosen.method != "refine" or randomness is None:
-        return chosen
-    reason = f"{chosen.reason}; {_few(frames, randomness, chosen.eyebox)}"
-    return replace(chosen, randomness=randomness, reason=reason)
+    choice = _choose(plan, method, seconds, along)
+    choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
+    randomness = _randomness(plan, eyebox)
+    if choice.method != "refine" or randomness is None:
+        return choice
+    reason = f"{choice.reason}; {_few_frames_reason(frames, randomness, eyebox)}"
+    return replace(choice, randomness=randomness, reason=reason)
 
 
 def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision | None:
-    """Whether phases are on axis, where it was not said and makes a difference, and what that costs.
+    """Report that phases are on axis, and what that costs, where nobody chose it and it makes a difference.
 
     Parameters
     ----------
     method : str
-        Of an `EncodingPlan`.
+        Method of an `EncodingPlan`.
     bits : int or None
-        Of the panel; None for any phase.
+        Bits of the panel; None for continuous phase.
     hologram : Hologram
+
+    Returns
+    -------
+    Decision or None
     """
     reason = on_axis(method, bits, hologram)
     return Decision("axis", "on axis", reason) if reason else None
 
 
 def frames_along(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
-    """More frames that a render had best trace with its own, for the encoding that follows: paths serve them all.
+    """Number of extra frames to co-trace with a render's own for the encoding that follows: paths serve them all.
 
     Parameters
     ----------
     plan, method, seconds
-        See `plan_encoding`; a method is also ``none``.
+        See `plan_encoding`; the method may also be ``none``.
     hologram : Hologram
 
     Returns
     -------
     int
-        Where phases will be found towards many frames, and they take little memory: all of them for a hologram of few
-        frames, whose rays are few beside theirs, else a set. Otherwise 0.
+        0 where the encoding needs none, or they need too much memory. All extra frames for a hologram of few frames,
+        whose own rays are few; else one set.
     """
-    own = plan.settings
-    # what draws its random numbers by the chunks that fit, would be another field with more frames
-    same = own.radiance == "grain" and own.estimator == "lattice"
-    fits = _fit(SETS[-1], hologram) and same and not own.despeckle and own.phase_field != "random"
-    if not fits or method not in ("auto", "refine") or own.method in BASELINES:
+    settings = plan.settings
+    # the rays of others depend on the number of frames, by random numbers that go by chunks
+    same_field = settings.radiance == "grain" and settings.estimator == "lattice"
+    same_field &= not settings.despeckle and settings.phase_field != "random"
+    if not (same_field and _fit(SETS[-1], hologram)):
         return 0
-    chosen = plan_encoding(plan, method, seconds, SETS[-1])
-    if chosen.method != "refine":
+    if method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
-    return first_of(chosen.frames, plan, hologram) if seconds is None else SETS[-1]
+    choice = plan_encoding(plan, method, seconds, SETS[-1])
+    if choice.method != "refine":
+        return 0
+    return co_traced_of(choice.frames, plan, hologram) if seconds is None else SETS[-1]
 
 
-def first_of(count: int, plan: Plan, hologram: Hologram) -> int:
-    """How many of more frames a render traces with its own where no seconds are given.
+def co_traced_of(count: int, plan: Plan, hologram: Hologram) -> int:
+    """Number of extra frames that a render co-traces without a time limit.
 
     Parameters
     ----------
     count : int
-        All of these frames.
+        All extra frames.
     plan : Plan
-        Of the render.
+        Plan of the render.
     hologram : Hologram
 
     Returns
@@ -198,53 +208,65 @@ def first_of(count: int, plan: Plan, hologram: Hologram) -> int:
 
 
 def _fit(frames, hologram):
-    """Whether so many take little memory."""
+    """Whether fields of some frames need little memory."""
     return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
-def _chosen(plan, method, seconds, along):
-    """`plan_encoding` without the memory."""
+def _choose(plan, method, seconds, along):
+    """`EncodingPlan` without memory, randomness and eyebox."""
     settings = plan.settings
-    own, frames = settings.method not in BASELINES, settings.frames
-    if method == "refine" and not own:
-        raise InvalidInput(
-            f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
-        )
-    costs, several = _Costs(plan.phases, frames, along), frames > 1
-    enough = seconds is None or not own or costs.joint <= seconds
-    plain = "joint" if several and enough else "sgd"
     if method not in ("auto", "refine"):
         return EncodingPlan(method, 0, 0, _limited(plan.phases.get(method, 0.0), seconds), "as asked")
-    if not own:
+    if settings.method in BASELINES:
+        if method == "refine":
+            raise InvalidInput(
+                f"The encoding refine needs extra frames, which the method {settings.method} does not have. Choose "
+                "joint."
+            )
         reason = "other people's methods have no more frames to go towards"
-        return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
-    if not several and method == "auto" and _randomness(plan) is None:
+        return EncodingPlan("joint" if settings.frames > 1 else "sgd", 0, 0, seconds or 0.0, reason)
+    if method == "auto" and settings.frames == 1 and _randomness(plan) is None:
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
-    if seconds is not None:
-        frames = costs.within(seconds)
-        if frames or method == "refine":
-            reason = "as asked" if method == "refine" else "the best that so many seconds allow"
-            frames = frames or costs.least
-            if plan.traversals == 1 and frames > along:
-                # with one traversal for all wavelengths the clock itself says when there are enough
-                frames = costs.least + BY_CLOCK[0] * SETS[-1]
-            return EncodingPlan("refine", frames, 0, seconds, reason)
-        least = costs.worth()
-        reason = f"more frames of the same light, which show more, take {_seconds(least)} to be worth it"
-        better = _upwards(costs.better(*ENOUGH))
-        return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
-    most = method == "refine" or settings.method == "full"
-    few = _randomness(plan) is not None
-    more, steps = ALL if most else (ENOUGH[0], FEW_STEPS if frames < DESIGNED_STARTS else ENOUGH[1])
-    frames = max(more, along)
+    costs = _EncodingCosts(plan.phases, settings.frames, along)
+    if seconds is None:
+        return _choose_unlimited(plan, method, costs)
+    return _choose_within(plan, method, seconds, costs)
+
+
+def _choose_within(plan, method, seconds, costs):
+    """Choose by a time limit: `refine` with as many extra frames as fit, or what is left without them."""
+    frames = costs.frames_within(seconds)
+    if frames or method == "refine":
+        reason = "as asked" if method == "refine" else "the best that so many seconds allow"
+        frames = frames or costs.first_frames
+        if plan.traversals == 1 and frames > costs.co_traced:
+            # with one traversal for all wavelengths frames are added until the time is over
+            frames = costs.first_frames + EXTRA_SETS[0] * SETS[-1]
+        return EncodingPlan("refine", frames, 0, seconds, reason)
+    method = "joint" if costs.frames > 1 and costs.joint_limit_seconds <= seconds else "sgd"
+    needed = _seconds(costs.refine_limit_seconds)
+    reason = f"more frames of the same light, which show more, take {needed} to be worth it"
+    better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
+    return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better)
+
+
+def _choose_unlimited(plan, method, costs):
+    """Choose without a time limit: `refine`, the same on all machines."""
+    full = method == "refine" or plan.settings.method == "full"
+    extra_frames, steps = FULL_EFFORT if full else DEFAULT_EFFORT
+    if not full and costs.frames < DESIGNED_STARTS:
+        steps = FEW_FRAMES_STEPS
+    extra_frames = max(extra_frames, costs.co_traced)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
-    better = None if most or few else _upwards(costs.better(*ALL))
-    return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
+    enough = full or _randomness(plan) is not None
+    better = None if enough else _rounded_up(costs.effort_limit_seconds(*FULL_EFFORT))
+    seconds = costs.refine_seconds(extra_frames, steps)
+    return EncodingPlan("refine", extra_frames, steps, seconds, reason, better)
 
 
 def _randomness(plan, eyebox=0.0):
-    """Of the phases that a descent begins with; None for those of the field."""
+    """Randomness of the phases that a descent begins with; None for the field's phases."""
     settings = plan.requested
     if settings.randomness is not None:
         return settings.randomness
@@ -253,99 +275,103 @@ def _randomness(plan, eyebox=0.0):
     return randomness_for(plan.settings.frames, eyebox)
 
 
-def _few(frames, randomness, eyebox):
-    """What few frames show, in words."""
-    frames = "one frame averages" if frames == 1 else f"{frames} frames average"
-    looked = f"and {eyebox:.2g} of its parts" if eyebox else "as a whole"
-    return (
-        f"{frames} little speckle, so that phases begin with randomness {randomness:g} and the pupil counts "
-        f"{looked}"
-    )
+def _few_frames_reason(frames, randomness, eyebox):
+    """Reason for randomness and eyebox of few frames, in words."""
+    average = "one frame averages" if frames == 1 else f"{frames} frames average"
+    pupil = f"and {eyebox:.2g} of its parts" if eyebox else "as a whole"
+    return f"{average} little speckle, so that phases begin with randomness {randomness:g} and the pupil counts {pupil}"
 
 
 @dataclass(frozen=True)
-class _Costs:
-    """Seconds of encodings, see `costs.phases`.
+class _EncodingCosts:
+    """Seconds of encodings, and the time limits that suffice for them.
 
     Attributes
     ----------
-    each : dict of str to float
-    own : int
+    seconds : dict of str to float
+        `CostModel.encoding_seconds`.
+    frames : int
         Frames of the hologram.
-    along : int
-        More that the render traces with these.
+    co_traced : int
+        Extra frames that the render co-traces.
     """
 
-    each: dict[str, float]
-    own: int
-    along: int
+    seconds: dict[str, float]
+    frames: int
+    co_traced: int
 
     @property
-    def least(self) -> int:
-        """More frames that `refine` begins with."""
-        return self.along or LEAST
+    def first_frames(self) -> int:
+        """Extra frames that `refine` begins with."""
+        return self.co_traced or MIN_EXTRA_FRAMES
 
     @property
-    def joint(self) -> float:
-        """From which on `joint` is worth it."""
-        return self._enough(0, WORTH)
+    def joint_limit_seconds(self) -> float:
+        """Minimum time limit at which `joint` pays off."""
+        return self._limit_seconds(0, WORTH)
 
-    def frames(self, count: int) -> float:
-        """Of more frames; paths are found again for those that were not traced along."""
-        rest = max(0, count - self.along)
-        again = self.each["light"] + math.ceil(rest / SETS[-1]) * self.each["rays"] if rest > 0 else 0.0
-        return again + rest * self.each["frame"] + count * self.each["look"]
+    @property
+    def refine_limit_seconds(self) -> float:
+        """Minimum time limit at which `refine` pays off."""
+        return self._limit_seconds(self.first_frames, self._min_steps)
 
-    def refine(self, frames: int, steps: int) -> float:
-        """To its end, with what the render takes longer for frames along: one set shares the rays of its own."""
-        rays = max(0, math.ceil(self.along / SETS[-1]) - 1) * self.each["rays"]
-        return self.each["sgd"] + self.along * self.each["frame"] + rays + self._together(frames, steps)
+    def effort_limit_seconds(self, frames: int, steps: int) -> float:
+        """Time limit for about so many extra frames, in whole sets, and steps."""
+        sets = min(frames // SETS[-1], EXTRA_SETS[0])
+        return self._limit_seconds(self.first_frames + sets * SETS[-1], steps)
 
-    def better(self, frames: int, steps: int) -> float:
-        """From which on there are about so many frames, as whole sets, and steps in them."""
-        return self._enough(self.least + min(frames // SETS[-1], BY_CLOCK[0]) * SETS[-1], steps)
-
-    def worth(self) -> float:
-        """From which on `refine` is."""
-        return self._enough(self.least, self._least_steps)
-
-    def within(self, seconds: float) -> int:
-        """More frames that are worth their seconds; 0 where none are."""
-        for count in (self.least + sets * SETS[-1] for sets in BY_CLOCK):
-            if self._enough(count, self._least_steps) <= seconds:
+    def frames_within(self, seconds: float) -> int:
+        """Maximum extra frames that pay off within a time limit; 0 for none."""
+        for count in (self.first_frames + sets * SETS[-1] for sets in EXTRA_SETS):
+            if self._limit_seconds(count, self._min_steps) <= seconds:
                 return count
         return 0
 
+    def extra_frames_seconds(self, count: int) -> float:
+        """Seconds of `count` extra frames; those that were not co-traced need paths and rays of their own."""
+        rest = max(0, count - self.co_traced)
+        again = 0.0
+        if rest > 0:
+            again = self.seconds["light"] + math.ceil(rest / SETS[-1]) * self.seconds["rays"]
+        return again + rest * self.seconds["frame"] + count * self.seconds["look"]
+
+    def refine_seconds(self, frames: int, steps: int) -> float:
+        """Seconds of `refine`, with those that co-traced frames add to the render; one set shares its rays."""
+        rays = max(0, math.ceil(self.co_traced / SETS[-1]) - 1) * self.seconds["rays"]
+        single = self.seconds["sgd"] + self.co_traced * self.seconds["frame"] + rays
+        return single + self._joint_seconds(frames, steps)
+
     @property
-    def _least_steps(self):
-        return LEAST_STEPS[not self.along]
+    def _min_steps(self):
+        return MIN_STEPS[not self.co_traced]
 
-    def _together(self, frames, steps):
-        """Of all frames together. Views are of their own frames, too, and are looked at at both ends."""
-        looks = 3 * self.own * self.each["look"]
-        return looks + (self.frames(frames) if frames else 0.0) + steps * self.each["step"]
+    def _joint_seconds(self, frames, steps):
+        """Seconds of all frames together, towards extra frames and views of their own, which are compared twice."""
+        looks = 3 * self.frames * self.seconds["look"]
+        return looks + (self.extra_frames_seconds(frames) if frames else 0.0) + steps * self.seconds["step"]
 
-    def _enough(self, frames, steps):
-        """Seconds given in which there is time for so many, and frames are there before the clock ends them."""
-        enough = self._within_share(1, self._together(frames, steps))
-        if frames > self.along:
-            traced = self._within_share(
-                NO_FRAMES_END if frames == self.least else EXTRA_FRAMES_END, self.frames(frames)
-            )
-            enough = max(enough, traced)
-        return enough
+    def _limit_seconds(self, frames, steps):
+        """Minimum time limit for extra frames and steps, in which the frames are there before their deadline."""
+        limit = self._limit_for(1, self._joint_seconds(frames, steps))
+        if frames > self.co_traced:
+            deadline = NO_FRAMES_END if frames == self.first_frames else EXTRA_FRAMES_END
+            limit = max(limit, self._limit_for(deadline, self.extra_frames_seconds(frames)))
+        return limit
 
-    def _within_share(self, share, rest):
-        """Seconds of which a share is enough for `sgd` and the rest; where they are few, `sgd` has a part of them."""
-        return min((self.each["sgd"] + rest) / share, rest / (share - FIRST_STAGE_END))
+    def _limit_for(self, fraction, rest):
+        """Time limit of which a fraction suffices for `sgd` and the rest; `sgd` has at most `FIRST_STAGE_END` of it."""
+        return min((self.seconds["sgd"] + rest) / fraction, rest / (fraction - FIRST_STAGE_END))
 
 
-def _limited(taken, seconds):
-    return taken if seconds is None else min(taken, seconds) if taken else seconds
+def _limited(estimate, limit):
+    """Estimate, within a time limit if there is one."""
+    if limit is None:
+        return estimate
+    return min(estimate, limit) if estimate else limit
 
 
-def _upwards(seconds):
-    """Rounded up to two digits."""
+def _rounded_up(seconds):
+    """Seconds rounded up to two digits."""
     unit = 10 ** (math.floor(math.log10(seconds)) - 1)
     return unit * math.ceil(round(seconds / unit, 6))
 

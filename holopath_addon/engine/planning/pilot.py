@@ -1,4 +1,4 @@
-"""A first look at a scene: a few rays and paths tell how much there is to model, and how fast this machine is."""
+"""The pilot: a few rays and paths that measure what a scene holds, and how fast this machine traces it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from ..scene.lobes import is_specular
 from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from ..scene.specular_chains import nearly_smooth
-from ..tracing.grains import shown
+from ..tracing.grains import reflectance_of
 from .machine import timed
-from .pilot_light import DEPTHS_TRIED, Light, Paths, light_of
-from .probe import LEAST_SHARE, Edges, Places, Probe
+from .pilot_light import VERTEX_COUNTS, Light, Paths, light_of
+from .probe import MIN_VIEW_FRACTION, Edges, Places, Probe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,23 +35,24 @@ if TYPE_CHECKING:
 _Result = TypeVar("_Result")
 
 PILOT_PIXELS, PILOT_GRAINS = 1 << 14, 4096
-FEWER = {"draft": 8, "preview": 4}  # times fewer of them for these qualities
-PILOT_PATHS = 32  # of a grain
-# to find the nearest surface, which may be thin; of a pixel at most
+DIVISORS = {"draft": 8, "preview": 4}  # of both, for these qualities
+PILOT_PATHS = 32  # paths of a grain
+# To find the nearest surface, which may be thin: pixels, and maximum rays of each.
 NEAREST_PIXELS, NEAREST_RAYS = 1 << 16, 4
-DIRECTIONS = 16  # a pixel that rays go through
-SLAB = 0.15  # of the depth of focus: thickness of a grain
-# From this share of neighbouring rays on that meet the same triangle packets are faster: 1.6 times at 0.07, 0.6 at
-# 0.006. Measured speeds would decide otherwise now and then, and hits differ in their last bits.
-COHERENT = 0.02
-BENT = 1e-3  # of the vergence, and dioptres
-# Of the light of lamps that are seen: what all light is measured by, shares, says nothing of how bright they are.
-LEAST_LAMPS = 0.01
-HITS_TRIED = (1, 2, 3, 4, 6)  # of a chain
+DIRECTIONS = 16  # rays of a pixel
+SLAB_THICKNESS = 0.15  # thickness of a grain, fraction of the depth of focus
+# Fraction of neighboring rays that meet the same triangle, from which packets are faster: 1.6 times at 0.07, 0.6 at
+# 0.006. Measured speeds would decide differently now and then, and hits differ in their last bits.
+MIN_COHERENT_FRACTION = 0.02
+MIN_BEND = 1e-3  # difference of vergences, fraction of the vergence plus 1 diopter
+# Fraction of the light of visible lamps that shorter chains may lose, beside that of the weights, which do not know how
+# bright lamps are.
+MAX_LAMP_LOSS = 0.01
+CHAIN_LENGTHS = (1, 2, 3, 4, 6)  # hits of a chain, in the order tried
 
 
 class Pilot:
-    """A few rays over the hologram and the pupil.
+    """A few rays, spread over the hologram and the pupil.
 
     Parameters
     ----------
@@ -59,14 +60,22 @@ class Pilot:
     hologram : Hologram
     camera : Camera
     mapping : DepthMapping
-        With beta = 0 the rays start at the pupil's centre.
+        With beta = 0 the rays start at the pupil's center.
     seed : int
+        Seed of the random numbers.
     pixels : int
-        That rays go through, about, `DIRECTIONS` each.
+        Approximate number of pixels, with `DIRECTIONS` rays each.
     grains : int
-        Whose light is looked at.
-    hurried : bool
-        Whether speeds may be rough.
+        Maximum number of grains whose light is sampled.
+    timed_calls : int
+        Times that programs run, of which the fastest counts.
+
+    Attributes
+    ----------
+    size : int
+        Number of rays.
+    pupil, slab : float
+        Radius of the pupil, in the scene, and thickness of a grain, meters.
     """
 
     def __init__(
@@ -79,7 +88,7 @@ class Pilot:
         seed: int = 0,
         pixels: int = PILOT_PIXELS,
         grains: int = PILOT_GRAINS,
-        hurried: bool = False,
+        timed_calls: int = 2,
     ) -> None:
         self.scene, self.camera, self.seed = scene, camera, seed
         self._hologram, self._mapping = hologram, mapping
@@ -87,7 +96,7 @@ class Pilot:
         stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / pixels)))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
         self.size = columns * rows * DIRECTIONS
-        self._grains, self._calls = min(self.size, grains), 1 if hurried else 2
+        self._grains, self._timed_calls = min(self.size, grains), timed_calls
         self.sampler = _sampler(seed, self.size)
         index = dr.arange(mi.UInt32, self.size)
         pixel, number = index // DIRECTIONS, index % DIRECTIONS
@@ -100,30 +109,38 @@ class Pilot:
         turn = self.sampler.next_2d()
         u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
         limit = hologram.widest_slope
-        self.pupil, self.slab = mapping.pupil_radius(limit), SLAB * hologram.depth_of_focus
+        self.pupil, self.slab = mapping.pupil_radius(limit), SLAB_THICKNESS * hologram.depth_of_focus
         slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
         self.ray, self.depth_rate = self._rays.world(*self._rays.place(column, row), slope.x, slope.y)
         self._from = column, row, slope
-        dr.make_opaque(self.ray, self.depth_rate, self._from)  # one program for all that look along them
+        dr.make_opaque(self.ray, self.depth_rate, self._from)  # one program for all uses
 
     @classmethod
     def of(
         cls, scene: mi.Scene, hologram: Hologram, camera: Camera, mapping: DepthMapping, settings: Settings
     ) -> Pilot:
-        """One for a hologram of such a quality."""
-        fewer, hurried = FEWER.get(settings.quality, 1), settings.quality == "draft"
-        counts = {"pixels": PILOT_PIXELS // fewer, "grains": PILOT_GRAINS // fewer}
-        return cls(scene, hologram, camera, mapping, seed=settings.seed, hurried=hurried, **counts)
+        """Pilot with as many rays as the quality needs."""
+        divisor = DIVISORS.get(settings.quality, 1)
+        return cls(
+            scene,
+            hologram,
+            camera,
+            mapping,
+            seed=settings.seed,
+            pixels=PILOT_PIXELS // divisor,
+            grains=PILOT_GRAINS // divisor,
+            timed_calls=1 if settings.quality == "draft" else 2,
+        )
 
     def nearest(self) -> float | None:
-        """Depth of the nearest surface in metres, None if there is none."""
+        """World depth of the nearest surface, meters; None if there is none."""
         hit = self.scene.ray_intersect_preliminary(self.ray, coherent=True)
         depth = np.asarray(self.camera.clip_start + hit.t * self.depth_rate)
         nearest = depth.min(where=np.asarray(hit.is_valid()), initial=math.inf)
         return float(nearest) if math.isfinite(nearest) else None
 
     def edges(self, optics: FirstHits | SpecularChains) -> Edges:
-        """The `Edges` where depths differ by more than a grain's thickness."""
+        """`Edges` in the view along the axis, where depths differ by more than a grain's thickness."""
         width, height = self._hologram.width, self._hologram.height
         side = max(1, math.ceil(math.sqrt(width * height / NEAREST_PIXELS)))
         columns, rows = width // side, height // side
@@ -131,23 +148,23 @@ class Pilot:
         index = dr.arange(mi.UInt32, columns * rows)
         place = self._rays.place(mi.Float(index % across) * step, mi.Float(index // across) * step)
         ray, depth_rate = self._rays.world(*place, mi.Float(0), mi.Float(0))
-        branch = mi.UInt32(self._chance(columns * rows) * optics.branches)
+        branch = mi.UInt32(self._random(columns * rows) * optics.branches)
         view = optics.view(self.scene, ray, branch, drawn=True)
-        first, seen = (
+        first, visible = (
             np.array(self._rays.height_over_plane(distance, depth_rate, dr.isfinite(distance)))
             + self._mapping.z_far
             for distance in (view.first, view.distance)
         )
         images = np.broadcast_to(np.asarray(view.hits) > 0, first.shape)
-        first, seen, images = (values.reshape(rows, columns) for values in (first, seen, images))
-        return Edges.between(first, seen, images, self.slab, float(side))
+        first, visible, images = (values.reshape(rows, columns) for values in (first, visible, images))
+        return Edges.between(first, visible, images, self.slab, float(side))
 
     def first_hits(self) -> Probe:
-        """The `Probe` of first surfaces."""
+        """Probe of first surfaces."""
         si = self.scene.ray_intersect(self.ray)
-        coherent = _same_surface(si) >= COHERENT
+        coherent = _same_surface(si) >= MIN_COHERENT_FRACTION
         seconds, compiling, _ = _timed(
-            lambda: self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t, self._calls
+            lambda: self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t, self._timed_calls
         )
         bsdf, hit = si.bsdf(), si.is_valid()
         depth = self.camera.clip_start + si.t * self.depth_rate
@@ -155,23 +172,25 @@ class Pilot:
         glossy = hit & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Glossy) & (sample.pdf > 0)
         # a lobe of constant density over a cap of half-angle a has a = 1 / sqrt(pi pdf)
         turns = 2 * self.pupil / depth * dr.sqrt(math.pi * sample.pdf)
-        nearly = nearly_smooth(self.scene, si, depth, self.pupil) > 0
+        nearly_specular = nearly_smooth(self.scene, si, depth, self.pupil) > 0
         specular = hit & is_specular(bsdf.flags())
         diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-        dr.eval(hit, depth, glossy, turns, nearly, specular, diffuse)
-        nearly, specular, diffuse = (float(np.asarray(kind).mean()) for kind in (nearly, specular, diffuse))
+        dr.eval(hit, depth, glossy, turns, nearly_specular, specular, diffuse)
+        nearly_specular, specular, diffuse = (
+            float(np.asarray(kind).mean()) for kind in (nearly_specular, specular, diffuse)
+        )
         depth, hit, glossy = (np.asarray(values) for values in (depth, hit, glossy))
         turns = np.asarray(turns)[glossy]
-        few = len(turns) <= LEAST_SHARE * self.size
+        few = len(turns) <= MIN_VIEW_FRACTION * self.size
         turn, sharpest = (0.0, 0.0) if few else map(float, np.quantile(turns, (0.9, 0.99)))
         exists = np.broadcast_to(hit | self.camera.sees_sky, self.size)
-        vergence, shown, sky = self._seen(depth, hit, exists, np.zeros(self.size, bool))
+        vergence, is_image, sky = self._vergences(depth, hit, exists, np.zeros(self.size, bool))
         return Probe(
             vergence=vergence,
-            shown=shown,
+            is_image=is_image,
             sky=sky,
             specular=specular,
-            nearly=nearly,
+            nearly_specular=nearly_specular,
             diffuse=diffuse,
             turn=turn,
             sharpest=sharpest,
@@ -184,103 +203,108 @@ class Pilot:
         )
 
     def images(self, probe: Probe, optics: SpecularChains) -> Probe:
-        """The `Probe` with the images that chains of mirrors and clear surfaces show."""
+        """Probe with the images that chains of mirrors and clear surfaces show."""
         branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
         dr.make_opaque(branch)
         seconds, compiling, view = _timed(
-            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._calls
+            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._timed_calls
         )
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
-        bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
-        # light that is seen at its image hardly differs across the pupil
+        bent = dr.abs(dr.rcp(view.distance) - path) > MIN_BEND * (path + 1)
+        # light that comes from its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
         beyond = dr.select(view.cut & ~view.exists, mean(view.weight), 0)
         dr.eval(depth, bent, glossy, beyond)
         depth, hit, hits = (np.asarray(values) for values in (depth, view.hit, view.hits))
         exists = np.broadcast_to(view.exists, self.size)
-        vergence, shown, sky = self._seen(depth, hit, exists, hits > 0)
+        vergence, is_image, sky = self._vergences(depth, hit, exists, hits > 0)
         bent = np.asarray(bent) & exists
         images = 1 / depth[bent]
         return replace(
             probe,
             vergence=vergence,
-            shown=shown,
+            is_image=is_image,
             sky=sky,
             gloss=1 / depth[exists & np.asarray(glossy)],
             places=self._places(depth, hit, exists & (hit | sky), hits > 0, probe.places.first),
             chains_per_second=self.size / seconds,
             compiling=probe.compiling + compiling,
-            bent=bool(bent.mean() > LEAST_SHARE),
+            bent=bool(bent.mean() > MIN_VIEW_FRACTION),
             images=images[np.isfinite(images)],
             splits=int(np.asarray(view.branch)[exists].max(initial=0)).bit_length(),
             cut=float(np.asarray(beyond).mean()),
         )
 
-    def longest_chain(self, optics_of: Callable[[int], SpecularChains], most: int) -> tuple[int, float]:
-        """Hits of a chain that are enough, and the share of what is seen that is lost with them.
+    def longest_chain(self, optics_of: Callable[[int], SpecularChains], max_hits: int) -> tuple[int, float]:
+        """Hits of a chain that suffice, and the fraction of the view that is lost with them.
 
         Parameters
         ----------
         optics_of : callable
-            ``optics_of(most_hits)`` gives `SpecularChains`.
-        most : int
-            Hits that are followed at most.
+            ``optics_of(hits)`` gives `SpecularChains`.
+        max_hits : int
+            Hits that may be followed.
         """
-        branch = mi.UInt32(self.sampler.next_1d() * optics_of(most).branches)
+        branch = mi.UInt32(self.sampler.next_1d() * optics_of(max_hits).branches)
         dr.eval(branch)
-        whole = self._light_through(optics_of(most), branch)
-        for hits in (fewer for fewer in HITS_TRIED if fewer < most):
+        whole = self._light_through(optics_of(max_hits), branch)
+        for hits in (fewer for fewer in CHAIN_LENGTHS if fewer < max_hits):
             lost = (whole - self._light_through(optics_of(hits), branch)) / np.maximum(whole, 1e-30)
-            if (lost < (LEAST_SHARE, LEAST_LAMPS)).all():
+            if (lost < (MIN_VIEW_FRACTION, MAX_LAMP_LOSS)).all():
                 return hits, max(lost[0], 0.0)
-        return most, 0.0
+        return max_hits, 0.0
 
     def light(
-        self, tracer: PathTracer, optics: FirstHits | SpecularChains, least: int, most: int, firefly: float
+        self,
+        tracer: PathTracer,
+        optics: FirstHits | SpecularChains,
+        min_vertices: int,
+        max_vertices: int,
+        firefly_limit: float,
     ) -> Light:
-        """What radiance paths find in the grains that some of the rays see.
+        """Light that radiance paths find in the grains that some of the rays meet.
 
         Parameters
         ----------
         tracer : PathTracer
         optics : FirstHits or SpecularChains
-        least, most : int
-            Vertices of a path that are enough at least, and that the tracer's have at most.
-        firefly : float
-            Most that a path counts, in radiances of the bright parts of the view.
+        min_vertices, max_vertices : int
+            Vertices that a path has at least, and that the tracer's have at most.
+        firefly_limit : float
+            Maximum that a path counts, in radiances of the bright parts of the view.
 
         Returns
         -------
         Light
         """
         starts = self._starts(optics)
-        seconds, compiling, found = _timed(lambda: self._followed(starts, optics, tracer), self._calls)
-        light = light_of(self._paths(*found), least, most, firefly)
+        seconds, compiling, found = _timed(lambda: self._traced(starts, optics, tracer), self._timed_calls)
+        light = light_of(self._paths(*found), min_vertices, max_vertices, firefly_limit)
         return replace(light, paths_per_second=self._grains * PILOT_PATHS / seconds, compiling=compiling)
 
     def with_short_paths(self, light: Light, optics: FirstHits | SpecularChains) -> Light:
-        """What `light` found by these optics, with the speed of paths that end where lamps first light a surface."""
+        """Add to `light` the speed of paths that end at the first surface that lamps light."""
         starts, tracer = self._starts(optics), PathTracer(*DIRECT)
-        seconds, *_ = _timed(lambda: self._followed(starts, optics, tracer), 1)
+        seconds, *_ = _timed(lambda: self._traced(starts, optics, tracer), 1)
         speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
     def _light_through(self, optics, branch):
-        """Sums of the shares of light that come to the viewer over whole chains, and of lamps' light that does."""
+        """Sums over whole chains: of the fractions of light that reach the viewer, and of the light of lamps."""
         view = optics.view(self.scene, self.ray, branch, drawn=True)
         whole = view.exists & ~view.cut
         si = view.surface.compute_surface_interaction(view.ray, mi.RayFlags.All, whole)
         lamps = si.emitter(self.scene, whole).eval(si, whole)
         lamps = mean(view.weight * lamps)
-        # the sky is seen by all that leaves the scene
+        # all rays that leave the scene meet the sky
         lamps = dr.select(si.is_valid() & dr.isfinite(lamps), lamps, 0)
         found = [dr.select(whole, value, 0) for value in (mean(view.weight), lamps)]
         dr.eval(found)
         return np.array([np.asarray(values, np.float64).sum() for values in found])
 
     def _places(self, depth, hit, exists, chains, first=None):
-        """The `Places` that rays saw, of world depths in metres; `first` as of `Places`, where it is not the same."""
+        """`Places` from world depths in meters; `first` is that of `Places`, where it differs from z."""
         column, row, slope = self._from
         z = np.where(exists, self._mapping.z_far + self._mapping.beta * np.where(hit, 1 / depth, 0), np.nan)
         return Places(
@@ -296,7 +320,7 @@ class Pilot:
         )
 
     def _starts(self, optics):
-        """The `_Starts` of a few paths of each grain."""
+        """`_Starts` of a few paths of each grain."""
         grains = self._grains
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
         chosen = mi.UInt32(mi.Float(index) * dr.opaque(mi.Float, self.size / grains))
@@ -307,33 +331,41 @@ class Pilot:
         ray, depth_rate = self._rays.world(*place, slope.x, slope.y)
         branch = mi.UInt32(0)
         if optics.branches > 1:
-            branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * optics.branches)
+            branch = mi.UInt32(dr.gather(mi.Float, self._random(grains), index) * optics.branches)
         dr.make_opaque(index, turn, slope, ray, depth_rate, branch)
         return _Starts(index, turn, slope, ray, depth_rate, branch)
 
-    def _followed(self, starts, optics, tracer):
-        """Of each path: its light, its light up to the first surface that lamps light, its light by vertices, the cell
-        that it sees, what that reflects, and whether it shines.
+    def _traced(self, starts, optics, tracer):
+        """Trace the paths of some starts.
+
+        Returns all light of each path, its light up to the first surface that lamps light, its light by vertices, the
+        cell that it meets, the reflectance there, and whether that is an emitter.
         """
         paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
-        seen = optics.view(self.scene, starts.ray, starts.branch, drawn=True)
+        view = optics.view(self.scene, starts.ray, starts.branch, drawn=True)
         found = tracer.by_vertices(
-            self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
+            self.scene, paths, view.ray, view.surface, view.whole, VERTEX_COUNTS, parts=view.parts
         )
-        through = dr.select(seen.exists, 1, 0) / seen.colour
-        if seen.weight is not None:
-            through *= seen.weight
+        through = dr.select(view.exists, 1, 0) / view.color
+        if view.weight is not None:
+            through *= view.weight
         found = [light * through for light in found]
-        whole, direct = sum(found), sum(found[: DEPTHS_TRIED.index(*DIRECT) + 1])
-        dz = self._rays.height_over_plane(seen.distance, starts.depth_rate, seen.hit)
+        whole, direct = sum(found), sum(found[: VERTEX_COUNTS.index(*DIRECT) + 1])
+        dz = self._rays.height_over_plane(view.distance, starts.depth_rate, view.hit)
         # a whole grain: cells of the grid begin where the first path's does
         walk = (dz - dr.gather(mi.Float, dz, starts.index * PILOT_PATHS)) / self._hologram.pitch
         over, down = starts.turn.x + starts.slope.x * walk, starts.turn.y - starts.slope.y * walk
-        cell = [mi.Int(dr.floor(at)) for at in (over, down, dz / self.slab)] + [seen.branch]
-        return whole, direct, [dr.sum(light) for light in found], cell, *shown(self.scene, seen, seen.exists)
+        cell = [mi.Int(dr.floor(at)) for at in (over, down, dz / self.slab)] + [view.branch]
+        return (
+            whole,
+            direct,
+            [dr.sum(light) for light in found],
+            cell,
+            *reflectance_of(self.scene, view, view.exists),
+        )
 
     def _paths(self, whole, direct, by_vertices, cell, reflectance, shines):
-        """What `_followed` found, as `Paths`."""
+        """Results of `_traced` as `Paths`."""
         shape = self._grains, PILOT_PATHS
         whole, direct, reflectance = (
             _finite(of_channels, (3, *shape)) for of_channels in (whole, direct, reflectance)
@@ -349,22 +381,24 @@ class Pilot:
             float(np.asarray(shines, np.float32).mean()),
         )
 
-    def _chance(self, size):
-        """A random number for each grain."""
+    def _random(self, size):
+        """Random numbers in [0, 1)."""
         return _sampler(self.seed + 2, size).next_1d()
 
-    def _seen(self, depth, hit, exists, image):
-        """Vergences of what is seen, which of them are of images, and whether sky is seen."""
+    def _vergences(self, depth, hit, exists, image):
+        """Vergences of what is visible, which of them are of images, and whether the sky is visible."""
         vergence = 1 / depth[exists & hit].astype(np.float64)
         finite = np.isfinite(vergence)
-        sky = self.scene.environment() is not None and (exists & ~hit).mean() > LEAST_SHARE
+        sky = self.scene.environment() is not None and (exists & ~hit).mean() > MIN_VIEW_FRACTION
         return vergence[finite], np.broadcast_to(image, self.size)[exists & hit][finite], bool(sky)
 
 
 @dataclass(frozen=True)
 class _Starts:
-    """Where paths begin to be followed (Dr.Jit types): number of the grain, place in a pixel of the recording plane,
-    slope, world ray and its depth per distance, and branch of the optics that it takes.
+    """Starts of paths, in Dr.Jit types.
+
+    Number of the grain, place in a pixel of the recording plane, slope, world ray and its depth per distance, and the
+    branch of the optics that it takes.
     """
 
     index: mi.UInt32
@@ -376,33 +410,46 @@ class _Starts:
 
 
 def _sampler(seed, size):
-    """Independent random numbers for so many lanes."""
+    """Sampler of independent random numbers for `size` lanes."""
     return Sampler.seeded(seed, dr.arange(mi.UInt32, size))
 
 
 def _finite(values, shape):
-    """As an array, with 0 for NaN."""
+    """Array of a shape, with 0 for NaN."""
     return np.nan_to_num(np.asarray(values, np.float64)).reshape(shape)
 
 
 def _same_surface(si):
-    """Share of neighbouring rays, of the same pixel, that meet the same triangle, or nothing."""
+    """Fraction of neighboring rays of a pixel that meet the same triangle, or nothing."""
     shapes = (np.asarray(dr.reinterpret_array(mi.UInt32, shape)) for shape in (si.shape, si.instance))
     met = np.stack([np.asarray(si.prim_index), *shapes]).reshape(3, -1, DIRECTIONS)
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
 
 
 def _timed(work: Callable[[], _Result], calls: int = 2) -> tuple[float, float, _Result]:
-    """What `machine.timed` tells: the seconds of the fastest of some calls, as the system now and then holds one up.
+    """`machine.timed` with the seconds of the fastest of some calls, as the system delays one now and then.
 
-    What `work` uses must be opaque: from a literal the second call would make, and compile, another program.
+    Everything that `work` uses must be opaque: with a literal the second call would compile another program.
     """
     seconds, compiling, results = zip(*(timed(work) for _ in range(calls)), strict=True)
     return min(seconds), sum(compiling), results[-1]
 
 
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
-    """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
+    """World depth of the volume's near end, meters: the hologram's own, or the nearest surface in view of the pupil.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    seed : int
+
+    Raises
+    ------
+    InvalidInput
+        If nothing is in view.
+    """
     hologram = hologram.in_air
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit", optics=ON_AXIS), camera, 1e-9)
     pixels = min(NEAREST_PIXELS, -(-NEAREST_RAYS * hologram.width * hologram.height // DIRECTIONS))
@@ -410,7 +457,7 @@ def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0)
     if nearest is None:
         if scene.environment() is None or not camera.sees_sky:
             raise InvalidInput(
-                "Nothing is in the camera's view: point it at an object within its clipping range, or show a lit world."
+                "Nothing is in the camera's view. Point it at an object within its clipping range, or show a lit world."
             )
         return hologram.near or 1.0
     if hologram.near:

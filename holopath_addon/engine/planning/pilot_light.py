@@ -1,4 +1,4 @@
-"""What radiance paths through a few grains tell of the light: statistics, by NumPy alone."""
+"""Statistics of the light that radiance paths find through a few grains, by NumPy alone."""
 
 from __future__ import annotations
 
@@ -7,31 +7,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
-OUTLIERS = 0.01  # of the grains: a few at the edges of lamps' images would else decide
-BRIGHT = 95  # percentile
-DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
+MIN_LIGHT_FRACTION = 0.005  # of the light: bounces that add less are left out
+OUTLIER_FRACTION = 0.01  # of the grains: else a few at the edges of emitters' images would decide
+BRIGHT_PERCENTILE = 95
+VERTEX_COUNTS = (1, 2, 3, 4, 6)  # maximum vertices of a path, in the order tried
 
 
 @dataclass(frozen=True)
 class Light:
-    """What a few radiance paths found.
+    """Statistics of a few radiance paths.
 
     Attributes
     ----------
-    max_depth, lost : int, float
-        Vertices of a path that are enough, and the share of the light that is lost with longer ones.
+    max_depth : int
+        Vertices of a path that suffice.
     shining : float
-        Share of the paths that begin at what shines itself.
+        Fraction of the paths that begin on an emitter.
+    lost : float
+        Fraction of the light that longer paths would add.
     noise, direct, texture : float
-        Variance of one path relative to its grain's squared mean, weighted by brightness; of paths that end at the
-        first surface that lamps light; and of the reflectance where a path begins.
+        Variance relative to the squared mean of the grain, weighted by brightness: of one path, of one that ends at the
+        first surface that lamps light, and of the reflectance where a path begins.
     chroma : float
-        Largest difference of the colour channels relative to their mean, weighted by brightness.
+        Maximum difference of the color channels relative to their mean, weighted by brightness.
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
     paths_per_second : float
-        Of their program, on this machine.
+        Speed of the program on this machine.
     compiling : float
         Seconds that it took to compile.
     short_per_second : float
@@ -58,15 +60,15 @@ class Paths:
     Attributes
     ----------
     light, direct : numpy.ndarray, shape (3, grains, paths)
-        All that they find, and what they find up to the first surface that lamps light.
+        All radiance of each path, and that up to the first surface that lamps light.
     by_vertices : list of numpy.ndarray, shape (grains, paths)
-        Light of all channels, of paths with `DEPTHS_TRIED` vertices at most.
+        Light of all channels that each of `VERTEX_COUNTS` adds.
     reflectance : numpy.ndarray, shape (3, grains, paths)
-        Where they begin.
+        Reflectance where paths begin.
     same : numpy.ndarray of bool, shape (grains, paths)
-        Whether they see the cell that the grain's first path sees: others do not count.
+        Whether they meet the cell that the grain's first path meets; others do not count.
     shining : float
-        Share that begins at what shines itself.
+        Fraction that begins on an emitter.
     """
 
     light: np.ndarray
@@ -77,42 +79,42 @@ class Paths:
     shining: float
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """Of each grain."""
+        """Mean over the paths of each grain."""
         return (values * self.same).sum(-1) / self.same.sum(1)
 
     def variance(self, values: np.ndarray) -> np.ndarray:
-        """Of each grain, of one path."""
-        apart = ((values - self.mean(values)[..., None]) ** 2 * self.same).sum(-1)
-        return apart / np.maximum(self.same.sum(1) - 1, 1)
+        """Variance of one path of each grain."""
+        squares = ((values - self.mean(values)[..., None]) ** 2 * self.same).sum(-1)
+        return squares / np.maximum(self.same.sum(1) - 1, 1)
 
 
-def light_of(paths: Paths, least: int, most: int, firefly: float) -> Light:
-    """The `Light` that paths found, speeds apart.
+def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: float) -> Light:
+    """Statistics of paths as `Light`, without speeds.
 
     Parameters
     ----------
     paths : Paths
-    least, most : int
-        Vertices that a path has at least, and that these had.
-    firefly : float
-        Most that a path counts, in radiances of the bright parts of the view.
+    min_vertices, max_vertices : int
+        Vertices that a path has at least, and that these had at most.
+    firefly_limit : float
+        Maximum that a path counts, in radiances of the bright parts of the view.
 
     Returns
     -------
     Light
     """
-    whole, dark = paths.mean(paths.light.sum(0)), Light(least, paths.shining)
+    whole, dark = paths.mean(paths.light.sum(0)), Light(min_vertices, paths.shining)
     if not (whole > 0).any():
         return dark
-    # as the rendering's paths are limited
-    limit = firefly * np.percentile(whole[whole > 0], BRIGHT) / 3
+    # as paths of the render are limited
+    limit = firefly_limit * np.percentile(whole[whole > 0], BRIGHT_PERCENTILE) / 3
     limited = np.minimum(paths.light, limit)
     means, mean = paths.mean(limited), paths.mean(limited.sum(0))
     lit = (mean > 0) & (paths.same.sum(1) > 1)
     if not lit.any():
         return dark
-    grains = _Lit(lit, mean, means)
-    depth, lost = _vertices(paths, grains, whole, least, most)
+    grains = _LitGrains(lit, mean, means)
+    depth, lost = _vertices(paths, grains, whole, min_vertices, max_vertices)
     return Light(
         depth,
         paths.shining,
@@ -120,37 +122,37 @@ def light_of(paths: Paths, least: int, most: int, firefly: float) -> Light:
         noise=grains.noise(paths.variance(limited), means),
         direct=grains.noise(paths.variance(np.minimum(paths.direct, limit)), means),
         texture=grains.noise(paths.variance(paths.reflectance), paths.mean(paths.reflectance)),
-        chroma=grains.share(3 * np.ptp(means, axis=0)),
+        chroma=grains.fraction(3 * np.ptp(means, axis=0)),
         bright=float(grains.bright) / 3,
     )
 
 
-class _Lit:
-    """Grains that are lit, weighted by brightness, in which lamps in view must not hide the rest."""
+class _LitGrains:
+    """Lit grains, weighted by brightness up to a limit, so that lamps in view do not hide the rest."""
 
     def __init__(self, lit, mean, means):
         self._lit, self._mean = lit, mean[lit]
-        self.bright = np.percentile(self._mean, BRIGHT)
+        self.bright = np.percentile(self._mean, BRIGHT_PERCENTILE)
         self._weight = np.minimum(self._mean, self.bright)
         self._weight /= self._weight.sum()
         self._weights = np.minimum(means[:, lit], self.bright / 3)
 
-    def share(self, values):
-        """Of the light of all channels that some has."""
+    def fraction(self, values):
+        """Fraction of the light of all channels, weighted mean."""
         return float((self._weight * values[self._lit] / self._mean).sum())
 
     def noise(self, variance, means):
         """Relative variance, of each channel by itself."""
         relative = variance[:, self._lit] / np.maximum(means[:, self._lit], 1e-30) ** 2
-        relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
+        relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIER_FRACTION))
         return float((self._weights * relative).sum() / max(self._weights.sum(), 1e-30))
 
 
-def _vertices(paths, grains, whole, least, most):
-    """Vertices of a path that are enough, and the share of the light that is lost."""
-    left = grains.share(whole)
-    for fewer, light in zip(DEPTHS_TRIED, paths.by_vertices, strict=False):
-        left -= grains.share(paths.mean(light))
-        if least <= fewer < most and left < LEAST_LIGHT:
-            return fewer, max(left, 0.0)
-    return most, 0.0
+def _vertices(paths, grains, whole, min_vertices, max_vertices):
+    """Vertices of a path that suffice, and the fraction of the light that is lost with them."""
+    left = grains.fraction(whole)
+    for count, light in zip(VERTEX_COUNTS, paths.by_vertices, strict=False):
+        left -= grains.fraction(paths.mean(light))
+        if min_vertices <= count < max_vertices and left < MIN_LIGHT_FRACTION:
+            return count, max(left, 0.0)
+    return max_vertices, 0.0

@@ -1,4 +1,4 @@
-"""What the pilot's rays saw, and what follows from it by NumPy alone."""
+"""Results of the pilot's rays, and what NumPy derives from them."""
 
 from __future__ import annotations
 
@@ -12,43 +12,42 @@ from ..tracing.regions import DEPTHS, Sightings
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-# of the view: less sky may be cracks between triangles, fewer mirrors are not worth their cost
-LEAST_SHARE = 1e-4
+# Fraction of the view: less sky may be cracks between triangles, and fewer mirrors are not worth their cost.
+MIN_VIEW_FRACTION = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """What a few rays saw.
+    """Results of a few rays.
 
     Attributes
     ----------
     vergence : numpy.ndarray
-        Inverse world depths of what was hit, 1/m; through mirrors and lenses of the image, which may be negative.
-    shown : numpy.ndarray of bool
-        Which of them are images.
+        Inverse world depths of hits, 1/m; through mirrors and lenses those of images, which may be negative.
+    is_image : numpy.ndarray of bool
+        Whether each of them is of an image.
     sky : bool
         Whether rays that hit nothing meet an environment.
     specular : float
-        Share of rays that meet surfaces with a δ lobe.
-    nearly : float
-        Share of rays that meet rough surfaces with a narrow lobe.
+        Fraction of rays that meet surfaces with a δ lobe.
+    nearly_specular : float
+        Fraction of rays that meet rough surfaces with a narrow lobe.
     diffuse : float
-        Share of rays that meet surfaces, no mirrors, that scatter diffusely.
+        Fraction of rays that meet surfaces which scatter diffusely, and are no mirrors.
     turn, sharpest : float
         Turn of the view across the pupil in widths of the sharp glossy lobes in view, and of the sharpest; 0 without
         gloss.
     gloss : numpy.ndarray
         Inverse depths of the glossy surfaces in view, 1/m.
     places : Places
-        What each ray saw.
+        Where each ray went, and the depths that it met.
     coherent : bool
         Whether rays are faster in packets, as they are where triangles are large.
-    rays_per_second : float
-        Of their program, on this machine.
-    chains_per_second : float
-        The same of rays that are followed over mirrors and through clear surfaces.
+    rays_per_second, chains_per_second : float
+        Speeds of the programs on this machine: of rays to the first surface, and of rays that are followed over mirrors
+        and through clear surfaces.
     compiling : float
-        Seconds that the programs of rays and chains took to compile.
+        Seconds that these programs took to compile.
     bent : bool
         Whether images lie elsewhere than at the optical path length, as in curved mirrors and through glass.
     images : numpy.ndarray
@@ -56,13 +55,13 @@ class Probe:
     splits : int
         Hits at which chains divide.
     cut : float
-        Share of the light from white surroundings that chains would show beyond the hits that are followed.
+        Fraction of the light from white surroundings that chains would show beyond the hits that are followed.
     """
 
     vergence: np.ndarray
     sky: bool
     specular: float
-    nearly: float
+    nearly_specular: float
     diffuse: float
     turn: float
     sharpest: float
@@ -72,7 +71,7 @@ class Probe:
     rays_per_second: float
     chains_per_second: float
     compiling: float
-    shown: np.ndarray
+    is_image: np.ndarray
     bent: bool = False
     images: np.ndarray = field(default_factory=lambda: np.empty(0))
     splits: int = 0
@@ -80,28 +79,33 @@ class Probe:
 
     @property
     def binned(self) -> float:
-        """Share of the occupied cells of the radiance map that have all pupil bins."""
+        """Fraction of the occupied cells of the radiance map that have all pupil bins; at least 0.01."""
         return min(1.0, max(0.01, len(self.gloss) / max(len(self.vergence), 1) + self.specular))
 
     def vergence_range(self, limits: Sequence[float]) -> tuple[float, float]:
-        """Smallest and largest inverse depth in view, 1/m.
+        """Minimum and maximum inverse depth in view, 1/m.
 
-        Caustics spread a few images over all depths, behind the viewer too: of images a hundredth of the view at
-        either end, and what is beyond the limits, is left to the nearest depth inside.
+        Caustics spread a few images over all depths, behind the viewer too. Images within a hundredth of the view at
+        either end, and those beyond the limits, are moved to the nearest depth inside.
+
+        Parameters
+        ----------
+        limits : (float, float)
+            Minimum and maximum inverse depth of images, 1/m.
         """
         if not len(self.vergence):
             return 0.0, 0.0
-        images, ends = self.vergence[self.shown], self.vergence[~self.shown]
+        images, ends = self.vergence[self.is_image], self.vergence[~self.is_image]
         if len(images):
-            some = min(0.5, 0.01 * len(self.vergence) / len(images))
-            ends = np.append(ends, np.clip(np.quantile(images, (some, 1 - some)), *limits))
+            fraction = min(0.5, 0.01 * len(self.vergence) / len(images))
+            ends = np.append(ends, np.clip(np.quantile(images, (fraction, 1 - fraction)), *limits))
         low = min(ends.min(), 0.0) if self.sky else ends.min()
         return float(low), float(ends.max())
 
 
 @dataclass(frozen=True, kw_only=True)
 class Places:
-    """What rays saw, from anywhere.
+    """Paths of the probe's rays, and the depths that they met.
 
     Attributes
     ----------
@@ -110,13 +114,13 @@ class Places:
     slope_x, slope_y : numpy.ndarray
         To the right and up.
     z : numpy.ndarray
-        Depth of what is seen, metres from the SLM; NaN where there is nothing.
+        Depth of what is visible, meters from the SLM; NaN where nothing is.
     first : numpy.ndarray
         Depth of the first surface.
     chains : numpy.ndarray of bool
-        Whether it is seen through mirrors or clear surfaces.
+        Whether it is visible through mirrors or clear surfaces.
     z_far, pitch : float
-        Metres.
+        Far end of the volume, and pixel pitch, meters.
     """
 
     column: np.ndarray
@@ -130,15 +134,33 @@ class Places:
     pitch: float
 
     def on_plane(self, plane: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Column and row, from the first pixel's edge, where rays cross planes at distances from the SLM in metres."""
+        """Column and row, from the first pixel's edge, where rays cross planes at distances from the SLM in meters."""
         walk = (plane - self.z_far) / self.pitch
         return self.column + self.slope_x * walk + 0.5, self.row - self.slope_y * walk + 0.5
 
     def sightings(
         self, plane: float, limit: float, size: tuple[int, int], cell: int, where: np.ndarray, images: bool
     ) -> Sightings:
-        """The `Sightings` from the tiles, `cell` pixels wide, of a plane of such a width and height, at a distance from
-        the SLM, at the places `where`, with `images` in mirrors or without.
+        """`Sightings` from the tiles of a plane.
+
+        Parameters
+        ----------
+        plane : float
+            Distance of the plane from the SLM, meters.
+        limit : float
+            Maximum distance of a surface from the plane, meters.
+        size : (int, int)
+            Width and height of the plane, pixels.
+        cell : int
+            Side of a tile, pixels.
+        where : numpy.ndarray of bool
+            Places that count for depths.
+        images : bool
+            Whether the plane records images.
+
+        Returns
+        -------
+        Sightings
         """
         column, row = (np.floor(at / cell).astype(int) for at in self.on_plane(plane))
         columns, rows = (-(-n // cell) for n in size)
@@ -153,49 +175,54 @@ class Places:
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of near things, as seen along the axis.
+    """Edges of near things in a view along the axis.
 
     Attributes
     ----------
     front, behind : numpy.ndarray
-        Depths of what is in front and of the surface behind, metres from the SLM.
-    seen : numpy.ndarray
-        Depth of what is seen there: of the surface behind, or of the image that it shows.
+        Depths of the surface in front and of the surface behind, meters from the SLM.
+    visible : numpy.ndarray
+        Depth of what is visible behind: of the surface, or of the image that it shows.
     images : numpy.ndarray of bool
         Whether it shows one.
     length : float
-        Of each piece, pixels.
+        Length of each piece of an edge, pixels.
     """
 
     front: np.ndarray
     behind: np.ndarray
-    seen: np.ndarray
+    visible: np.ndarray
     images: np.ndarray
     length: float
 
     @classmethod
     def between(
-        cls, first: np.ndarray, seen: np.ndarray, images: np.ndarray, least: float, length: float
+        cls, first: np.ndarray, visible: np.ndarray, images: np.ndarray, min_step: float, length: float
     ) -> Edges:
-        """Edges where depths of neighbours differ by more than `least`, and more than the surfaces beside them go on.
+        """Edges where depth steps between neighbors exceed `min_step`, and twice the steps on either side.
 
         Parameters
         ----------
-        first, seen : numpy.ndarray, shape (rows, columns)
-            Depths of first surfaces and of what they show, metres from the SLM.
+        first, visible : numpy.ndarray, shape (rows, columns)
+            Depths of first surfaces and of what they show, meters from the SLM.
         images : numpy.ndarray of bool, shape (rows, columns)
-        least : float
-            Metres.
+            Whether they show images.
+        min_step : float
+            Meters.
         length : float
-            Pixels from one place to the next.
+            Pixels between neighbors.
+
+        Returns
+        -------
+        Edges
         """
         found = []
-        for depth, *what in ((first, seen, images), (first.T, seen.T, images.T)):
+        for depth, *others in ((first, visible, images), (first.T, visible.T, images.T)):
             steps = np.diff(depth, axis=1)
-            goes_on = 2 * np.maximum(abs(np.roll(steps, 1, 1)), abs(np.roll(steps, -1, 1)))
-            row, column = np.nonzero(abs(steps) > least + goes_on)
+            slope = 2 * np.maximum(abs(np.roll(steps, 1, 1)), abs(np.roll(steps, -1, 1)))
+            row, column = np.nonzero(abs(steps) > min_step + slope)
             nearer = column + (steps[row, column] > 0)
             behind = row, 2 * column + 1 - nearer
-            found.append([depth[row, nearer], depth[behind], *(values[behind] for values in what)])
-        front, behind, seen, images = (np.concatenate(values) for values in zip(*found, strict=True))
-        return cls(front, behind, seen, images, length)
+            found.append([depth[row, nearer], depth[behind], *(values[behind] for values in others)])
+        front, behind, visible, images = (np.concatenate(values) for values in zip(*found, strict=True))
+        return cls(front, behind, visible, images, length)

@@ -1,4 +1,4 @@
-"""What planning sees of a scene before it decides: how far rays are followed, the depths in view, and the light."""
+"""Survey of a scene before planning decides: chains of mirrors and clear surfaces, depths in view, and light."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..scene.specular_chains import FirstHits, SpecularChains
 from . import noise
 from .machine import slowness
 from .pilot import Pilot, near_end
-from .probe import LEAST_SHARE
+from .probe import MIN_VIEW_FRACTION
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,29 +31,29 @@ if TYPE_CHECKING:
     from .pilot_light import Light
     from .probe import Probe
 
-CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
-GLOSSY_TURN = 0.15  # of a lobe's width across the pupil: less is not seen
-IMAGE_LIMITS = (-1.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
+MAX_CUT_FRACTION = 0.01  # of the view; the plan warns where chains do not reach more than that
+MIN_GLOSSY_TURN = 0.15  # turn of the view across the pupil that is visible, in widths of a lobe
+IMAGE_LIMITS = (-1.5, 1.5)  # over the near end's vergence; images beyond, as of caustics, are moved there
 
 
 @dataclass(frozen=True)
 class Chains:
-    """How mirrors and clear surfaces are followed.
+    """Chains of hits over mirrors and clear surfaces.
 
     Attributes
     ----------
-    seen : Probe
-        What is seen by them.
+    probe : Probe
+        With what chains show.
     optics : FirstHits or SpecularChains
     virtual_image : str
-        How images are placed.
+        Placement of images, of `Settings.virtual_image`.
     longest, splits : int
-        Hits of a chain, 0 where none is followed, and those that divide it.
+        Hits of a chain, 0 where none is followed, and hits that divide it.
     pupil : float
-        Radius of the pupil where there are nearly smooth mirrors, metres; else 0.
+        Radius of the pupil where there are nearly smooth mirrors, meters; else 0.
     """
 
-    seen: Probe
+    probe: Probe
     optics: FirstHits | SpecularChains
     virtual_image: str
     longest: int = 0
@@ -62,13 +62,13 @@ class Chains:
 
     @property
     def branches(self) -> int:
-        """Of rays that are followed; 0 without chains."""
+        """Number of branches of each ray; 0 without chains."""
         return 1 << self.splits if self.longest else 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """What was seen of a scene, all that decisions are made from.
+    """Everything about a scene that decisions are made from.
 
     Attributes
     ----------
@@ -78,20 +78,20 @@ class Survey:
     settings : Settings
     mapping : DepthMapping
     near : float
-        World depth of the volume's near end, metres.
+        World depth of the volume's near end, meters.
     beside : int
         Pixels beyond each edge of the picture, by which camera and hologram are `widened`.
     pilot : Pilot
-        Whom to ask for more.
-    hits : Decided of Chains
-        Made on the way, for what is seen depends on it.
-    seen : Probe
-        Without gloss that looks alike from all over the pupil.
+        For further measurements.
+    chain_decision : Decided of Chains
+        Made during the survey, as the depths in view depend on it.
+    probe : Probe
+        That of the chains, without gloss that looks alike from all over the pupil.
     light : Light
     z_low, z_high : float
-        Depths in view, metres from the SLM.
+        Depths in view, meters from the SLM.
     slowness : Slowness
-        Of this machine.
+        Slowness of this machine.
     """
 
     scene: mi.Scene
@@ -102,8 +102,8 @@ class Survey:
     near: float
     beside: int
     pilot: Pilot
-    hits: Decided[Chains]
-    seen: Probe
+    chain_decision: Decided[Chains]
+    probe: Probe
     light: Light
     z_low: float
     z_high: float
@@ -111,11 +111,11 @@ class Survey:
 
     @property
     def chains(self) -> Chains:
-        """How mirrors and clear surfaces are followed."""
-        return self.hits.value
+        """Chains that were chosen."""
+        return self.chain_decision.value
 
 
-def look_at(
+def survey_scene(
     scene: mi.Scene,
     camera: Camera,
     hologram: Hologram,
@@ -123,22 +123,39 @@ def look_at(
     folder: Path | None,
     progress: PartProgress,
 ) -> Survey:
-    """Look at a scene with a few rays and paths; `folder` keeps this machine's speed, `progress(done)` may raise."""
+    """Survey a scene with a few rays and paths.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+        Resolved, see `planner.resolved`.
+    folder : path or None
+        Where this machine's speed is kept.
+    progress : callable
+        ``progress(done)``, may raise `Cancelled`.
+
+    Returns
+    -------
+    Survey
+    """
     near = near_end(scene, camera, hologram, settings.seed)
     progress(0.2)
     beside = settings.fixed.get("beside", pixels_beside(hologram))
     camera, hologram = widened(camera, hologram, beside)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)
-    hits = specular_hits(pilot, settings)
+    chain_decision = decide_chains(pilot, settings)
     progress(0.4)
-    chains, seen = hits.value, hits.value.seen
-    most = settings.max_depth
-    least = most if "max_depth" in settings.fixed else 1
-    light = pilot.light(PathTracer(most), chains.optics, least, most, noise.firefly(settings))
-    ends = seen.vergence_range([limit / near for limit in IMAGE_LIMITS])
-    if seen.turn <= GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
-        seen = replace(seen, gloss=np.empty(0))
+    optics, probe = chain_decision.value.optics, chain_decision.value.probe
+    max_depth = settings.max_depth
+    min_depth = max_depth if "max_depth" in settings.fixed else 1
+    light = pilot.light(PathTracer(max_depth), optics, min_depth, max_depth, noise.firefly_limit(settings))
+    ends = probe.vergence_range([limit / near for limit in IMAGE_LIMITS])
+    if probe.turn <= MIN_GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
+        probe = replace(probe, gloss=np.empty(0))
     z_low, z_high = (mapping.z_far + mapping.beta * end for end in ends)
     progress(0.6)
     return Survey(
@@ -150,8 +167,8 @@ def look_at(
         near=near,
         beside=beside,
         pilot=pilot,
-        hits=hits,
-        seen=seen,
+        chain_decision=chain_decision,
+        probe=probe,
         light=light,
         z_low=z_low,
         z_high=z_high,
@@ -159,42 +176,42 @@ def look_at(
     )
 
 
-def specular_hits(pilot: Pilot, settings: Settings) -> Decided[Chains]:
-    """How mirrors and clear surfaces are followed."""
+def decide_chains(pilot: Pilot, settings: Settings) -> Decided[Chains]:
+    """Decide how far chains of mirrors and clear surfaces are followed: not at all where hardly any are in view."""
     first, fixed, draft = pilot.first_hits(), settings.fixed, settings.quality == "draft"
-    most = fixed.get("chain", 0 if draft else settings.most_hits)
-    if most and ("chain" in fixed or first.specular + first.nearly > LEAST_SHARE):
-        return _followed(pilot, settings, first, most)
+    max_hits = fixed.get("chain", 0 if draft else settings.most_hits)
+    if max_hits and ("chain" in fixed or first.specular + first.nearly_specular > MIN_VIEW_FRACTION):
+        return _longest_chains(pilot, settings, first, max_hits)
     chains = Chains(first, FirstHits(sky=pilot.camera.sees_sky), settings.virtual_image)
-    if first.specular <= LEAST_SHARE:
+    if first.specular <= MIN_VIEW_FRACTION:
         return Decided(chains)
-    what = (
+    consequence = (
         f"{first.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
         f"surface, not at the depth of what it reflects"
     )
     if draft and settings.most_hits:
-        return Decided(chains, (Decision("specular hits", "none", f"{what}, as drafts do"),))
-    return Decided(chains, warnings=(f"{what}; allow chains of mirrors to change that.",))
+        return Decided(chains, (Decision("specular hits", "none", f"{consequence}, as drafts do"),))
+    return Decided(chains, warnings=(f"{consequence}; allow chains of mirrors to change that.",))
 
 
-def _followed(pilot, settings, first, most):
-    """The same where chains of so many hits are followed at most."""
+def _longest_chains(pilot, settings, first, max_hits):
+    """Decide on the length, the branches and the images of chains with at most `max_hits` hits."""
     fixed, image = settings.fixed, settings.virtual_image
-    pupil = pilot.pupil if first.nearly > LEAST_SHARE else 0.0
+    pupil = pilot.pupil if first.nearly_specular > MIN_VIEW_FRACTION else 0.0
     optics_of = partial(SpecularChains, pilot.scene, image, sky=pilot.camera.sees_sky, pupil=pupil)
-    seen = pilot.images(first, optics_of(most))
-    longest, lost = (most, 0.0) if "chain" in fixed else pilot.longest_chain(optics_of, most)
-    splits = fixed.get("splits", seen.splits)
-    exact = not seen.bent and "chain" not in fixed
-    reason = f"{seen.specular + seen.nearly:.1%} of the view mirrors or lets through; images by "
+    probe = pilot.images(first, optics_of(max_hits))
+    longest, lost = (max_hits, 0.0) if "chain" in fixed else pilot.longest_chain(optics_of, max_hits)
+    splits = fixed.get("splits", probe.splits)
+    exact = not probe.bent and "chain" not in fixed
+    reason = f"{probe.specular + probe.nearly_specular:.1%} of the view mirrors or lets through; images by "
     reason += "optical path" if image == "opl" or exact else "curvature"
     reason += ", which is exact here" if exact and image != "opl" else ""
     reason += f"; {1 << splits} branches of each ray" if splits else ""
-    saving = f"{most - longest} hits of {most}" if longest < most else ""
+    saving = f"{max_hits - longest} hits of {max_hits}" if longest < max_hits else ""
     decision = Decision("specular hits", f"up to {longest}", reason, saving, math.sqrt(lost))
-    chains = Chains(seen, optics_of(longest, splits), "opl" if exact else image, longest, splits, pupil)
+    chains = Chains(probe, optics_of(longest, splits), "opl" if exact else image, longest, splits, pupil)
     cut_off = (
-        f"{seen.cut:.0%} of the view is seen by way of more than {most} mirrors and clear surfaces and stays "
-        "black: follow more of them (--most-hits, Mirrors, Glass)."
+        f"{probe.cut:.0%} of the view lies behind more than {max_hits} mirrors and clear surfaces and stays "
+        "black. Follow more of them (--most-hits, Mirrors, Glass)."
     )
-    return Decided(chains, (decision,), (cut_off,) if seen.cut > CUT_OFF else ())
+    return Decided(chains, (decision,), (cut_off,) if probe.cut > MAX_CUT_FRACTION else ())

@@ -1,7 +1,8 @@
-"""From a scene to the wave field at the SLM: the stages in order, with progress, times and cancellation."""
+"""Rendering from a scene to the wave field at the SLM: all stages in order, with progress, times and cancellation."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,9 @@ from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
 from ..waves import libraries
+from .extra_frames import co_traced_phasors
 from .fields import Tracing, at_slm
-from .many import along
-from .planned import PlannedRender, added, report_of
+from .render_context import RenderContext, report_of
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -50,16 +51,14 @@ def render(
     settings : Settings, optional
         Default: those of the plan, or `Settings()`.
     plan : Plan, optional
-        From `plan` for the same scene, camera and hologram; made when not given. What it decided stays, whichever
-        settings are given beside it.
+        Result of `plan` for the same scene, camera and hologram. Its decisions stay, whichever settings are given
+        beside it. Default: a new plan.
     progress : callable, optional
-        ``progress(done, message)`` with done in 0..1, called several times a second; may raise
-        `Cancelled`.
+        ``progress(done, message)`` with done in 0..1, called several times a second; may raise `Cancelled`.
     store : BakeStore, optional
-        Where baked light is kept for other views and other times.
+        Store of baked light for other views and later renders.
     more : int
-        Frames that are traced along with the hologram's own for an encoding, see `WaveField.more`; as many as
-        `frames_along` says.
+        Extra frames that are co-traced for an encoding, `WaveField.more`; `frames_along` gives the number.
 
     Returns
     -------
@@ -67,7 +66,11 @@ def render(
 
     Raises
     ------
-    InvalidInput, BackendUnavailable, Cancelled
+    InvalidInput
+        If nothing is in view, settings contradict each other, or the machine has too little memory.
+    BackendUnavailable
+        If Mitsuba cannot compute here.
+    Cancelled
     """
     variants.activate_for(scene)
     progress = progress or (lambda done, message: None)
@@ -86,34 +89,34 @@ def render(
         plan = replace(plan, warnings=(*plan.warnings, *job.notes))
         report = {"seconds": clock.seconds, "frames": settings.frames}
         return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
-    planned = PlannedRender(scene, camera, hologram, plan, clock)
+    context = RenderContext(scene, camera, hologram, plan, clock)
     stages = Stages(progress, "render, baked" if plan.cached else "render")
     stages["phase fields"](0.0, "Phase fields")
-    sets = (planned.phasors, along(more)) if more else (planned.phasors,)
-    planned.bake(store, stages["baking"])
-    fields, errors, passes, rays = [], [], None, {}
-    for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
-        with planned.recording(group) as recording:
-            fields.append(_waves(recording, sets, planned.straight, hologram, at))
+    sets = (context.phasors, co_traced_phasors(more)) if more else (context.phasors,)
+    context.bake(store, stages["baking"])
+    fields, errors, passes, rays = [], [], None, Counter()
+    for group, part in zip(context.groups, parts(stages["waves"], len(context.groups)), strict=True):
+        with context.recording(group) as recording:
+            fields.append(_waves(recording, sets, context.straight, hologram, part))
         if recording.plan.library != plan.library:
             plan = replace(plan, library=recording.plan.library, warnings=(*plan.warnings, libraries.RAN_OUT))
         errors.append(recording.error)
-        passes, rays = recording.passes, added(rays, recording.rays_traced)
+        passes = recording.passes
+        rays.update(recording.rays_traced)
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
-    baked = None if planned.baked is None else asdict(planned.baked)
-    error = planned.error(errors)
-    report = report_of(plan, settings.frames, clock.seconds, rays, passes, error, baked)
-    own = field[: settings.frames].copy() if more else field  # a view would keep the others in memory
+    baked = None if context.baked is None else asdict(context.baked)
+    report = report_of(plan, clock.seconds, dict(rays), passes, context.error(errors), baked)
+    own = field[: settings.frames].copy() if more else field  # a view would keep the extra frames in memory
     rendered = WaveField(own, hologram, camera, plan.near, plan.to_dict(), report)
     return replace(rendered, more=field[settings.frames :]) if more else rendered
 
 
 def _waves(recording, sets, straight, display, progress):
-    """The wave field at the SLM of the wavelengths that a `Recording` is for."""
+    """Wave field at the SLM of a `Recording`'s wavelengths; by the processor where a card's memory runs out."""
     stages = Stages(progress, "waves, despeckled" if recording.plan.settings.despeckle else "waves")
-    lighting = named(stages["radiance"], "Radiance")
-    lighting(0.0)
-    radiance = recording.radiance(lighting)
+    on_radiance = named(stages["radiance"], "Radiance")
+    on_radiance(0.0)
+    radiance = recording.radiance(on_radiance)
     tracing = Tracing(recording, radiance, *sets, straight=straight)
     try:
         return at_slm(recording, tracing, display, stages["fields"])
@@ -132,9 +135,9 @@ def baked_picture(
     store: BakeStore | None = None,
     progress: Progress | None = None,
     anew: bool = False,
-    most: int = 2048,
+    max_size: int = 2048,
 ) -> tuple[np.ndarray, Bake]:
-    """Bake what a camera sees, and show the texture.
+    """Bake the light in a camera's view, and draw the texture.
 
     Parameters
     ----------
@@ -147,14 +150,14 @@ def baked_picture(
         ``progress(done, message)``, may raise `Cancelled`.
     anew : bool
         See `bake`.
-    most : int
-        Pixels along a side of the picture.
+    max_size : int
+        Maximum pixels along a side of the image.
 
     Returns
     -------
-    picture : numpy.ndarray, float32, shape (y, x, 3)
+    image : numpy.ndarray, float32, shape (y, x, 3)
         Linear; row 0 is the top.
-    done : Bake
+    baked : Bake
 
     Raises
     ------
@@ -165,8 +168,8 @@ def baked_picture(
     from ..scene.specular_chains import optics_of
 
     settings = replace(settings, method="fast")
-    planned = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
-    camera, hologram = widened(*traced(camera, hologram), planned.beside)
-    optics = optics_of(scene, camera, planned)
-    cache, done = bake(scene, camera, hologram, planned, optics, store=store, progress=progress, anew=anew)
-    return cache.picture(most), done
+    plan = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
+    camera, hologram = widened(*traced(camera, hologram), plan.beside)
+    optics = optics_of(scene, camera, plan)
+    cache, baked = bake(scene, camera, hologram, plan, optics, store=store, progress=progress, anew=anew)
+    return cache.picture(max_size), baked

@@ -1,4 +1,4 @@
-"""From what recording planes record to the wave field at the SLM."""
+"""Propagation of the fields on recording planes to the wave field at the SLM."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ if TYPE_CHECKING:
     from ..tracing.recording import Recording
     from ..waves.arrays import Array
 
-OWN = 0  # number of the phasors that a hologram has; the next ones are of the batches that speckle is taken out by
+OWN_FRAMES = (
+    0  # number of the phasors of a hologram's own frames; the next numbers are batches for despeckling
+)
 
 
 class Tracing:
-    """What recording planes record, traced when it is asked for: frames by sets of phasors, see `OWN`.
+    """Wave tracing of recording planes for sets of phasors, which have numbers, see `OWN_FRAMES`.
 
     Parameters
     ----------
@@ -37,8 +39,8 @@ class Tracing:
     *sets : numpy.ndarray, complex64, shape (frames, rows, columns)
         Phasors of the hologram's own frames, and of others that share their rays.
     straight : float
-        Of the first set's light, see `straight_share`; of the others, designed ones, it is 0. Sets of another kernel
-        or another period share the light of rays alone.
+        Fraction of the first set's light that goes straight on, see `straight_share`; 0 for the others, which are
+        designed. Sets of another kernel or period share only the light of rays.
     """
 
     def __init__(
@@ -49,28 +51,28 @@ class Tracing:
         straight: float = 0.0,
     ) -> None:
         self._straight, self._recording, self._radiance, self._sets = straight, recording, radiance, sets
-        together = not straight and len({each.shape[1:] for each in sets}) == 1
-        self._own = [np.concatenate(sets) if len(sets) > 1 else sets[0]] if together else list(sets)
-        self._last = OWN, self._own
+        joined = not straight and len({each.shape[1:] for each in sets}) == 1
+        self._own = [np.concatenate(sets) if len(sets) > 1 else sets[0]] if joined else list(sets)
+        self._latest = OWN_FRAMES, self._own
 
     def _phasors(self, number):
-        """Those that share their rays, a list."""
-        if number != self._last[0]:
-            own = number == OWN
-            self._last = number, self._own if own else [despeckle.batch_phasors(number - 1)]
-        return self._last[1]
+        """Phasors of a number, in a list of arrays that are traced one after another."""
+        if number != self._latest[0]:
+            own = number == OWN_FRAMES
+            self._latest = number, self._own if own else [despeckle.batch_phasors(number - 1)]
+        return self._latest[1]
 
     def frames(self, number: int) -> int:
-        """Frames of the set of phasors with a number."""
+        """Number of frames of a number's phasors."""
         return sum(map(len, self._phasors(number)))
 
     def recordable(self, number: int) -> np.ndarray:
-        """The energy of each of its phasors that a field keeps: what is in the band, and passes the paper's pixels."""
-        sets = self._sets if number == OWN else self._phasors(number)
+        """Fraction of each phasor's energy that fields record: within the band, and by the paper's pixels."""
+        sets = self._sets if number == OWN_FRAMES else self._phasors(number)
         with self._recording.clock("phase fields"):
             paper = self._recording.plan.settings.estimator == "paper"
-            passed = pixel_transmission() if paper else 1.0
-            kept = [recordable_fraction(each) * passed for each in sets]
+            transmission = pixel_transmission() if paper else 1.0
+            kept = [recordable_fraction(each) * transmission for each in sets]
         return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: Array, progress: Progress) -> None:
@@ -78,35 +80,36 @@ class Tracing:
         first, count = 0, self.frames(number)
         for phasors in self._phasors(number):
             last = first + len(phasors)
-            told = named(stage(progress, first / count, last / count), "Wave tracing")
-            straight = self._straight if number == OWN and not first else 0.0
-            self._recording.record(plane, self._radiance, phasors, told, out[first:last, ...], straight)
+            on_progress = named(stage(progress, first / count, last / count), "Wave tracing")
+            straight = self._straight if number == OWN_FRAMES and not first else 0.0
+            self._recording.record(
+                plane, self._radiance, phasors, on_progress, out[first:last, ...], straight
+            )
             first = last
 
 
 def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM. Waves are those of the plan's library until they are there.
+    """Wave field at the SLM; waves are arrays of the plan's library on the way there.
 
     Parameters
     ----------
     recording : Recording
-        For silhouettes, the plan and where planes lie.
     tracing : Tracing
-        Of the recording.
+        Tracing of this recording.
     display : Hologram
-        Whose pixels are wanted; rays may have been traced on another grid, see `mapping`.
+        Hologram whose pixels the field is for; rays may have been traced on another grid, see `mapping`.
     progress : callable
-        ``progress(done, message)``, may raise.
+        ``progress(done, message)``, may raise `Cancelled`.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frames, wavelengths, y, x)
-        Of the picture, without what was traced beside it.
+        Field of the picture, without the pixels beyond its edges.
     """
     hologram, steps = recording.hologram, recording.plan.settings.despeckle
     behind_lens = isinstance(hologram, AerialImage)
     stages = Stages(progress, "fields, despeckled" if steps else "fields")
-    field = _in_scene(recording, tracing, OWN, stages["tracing"])
+    field = _in_scene(recording, tracing, OWN_FRAMES, stages["tracing"])
     if steps:
         _despeckle(recording, tracing, field, stages["despeckling"])
     out, pixels = field, None if behind_lens or display.plain else display
@@ -114,7 +117,7 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
         out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
     frames = field.shape[0]
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=pixels):
+        for k, m, wave in _propagated(field, hologram, -recording.plan.z_gathered, display=pixels):
             out[m, k, ...] = wave
             step = (k * frames + m + 1) / (frames * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
@@ -128,55 +131,55 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
 
 
 def _through_lens(field, wavelengths, display):
-    """Fields on the plane of an `AerialImage`, on the pixels of their wavelengths, at the SLM of its display."""
+    """Fields at the SLM, from those on the plane of an `AerialImage` with pixels of their wavelengths."""
     out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
     for k, wavelength in enumerate(wavelengths):
-        way = lens.behind_lens(display, wavelength)
-        assert way is not None
+        transform = lens.behind_lens(display, wavelength)
+        assert transform is not None
         for frame in range(field.shape[0]):
-            out[frame, k, ...] = way.adjoint(field[frame, k, ...])
+            out[frame, k, ...] = transform.adjoint(field[frame, k, ...])
     return out
 
 
 def _in_scene(recording, tracing, number, progress):
-    """The wave field at `Plan.z_gathered`, of all that lies before and behind it.
+    """Wave field at `Plan.z_gathered` of everything before and behind it.
 
-    Its scale makes a plane of radiance L refocus to intensity L. Between planes the carrier is left out, for then the
-    shares of a surface that two planes record add up, whatever the wavelength.
+    Its scale makes a plane of radiance L refocus to intensity L. Between planes the carrier is left out, so that the
+    parts of a surface that two planes record add up at every wavelength.
     """
     hologram, planes = recording.hologram, recording.plan.planes
     shape = tracing.frames(number), len(hologram.wavelengths), *recording.canvas
     on = libraries.empty_array(recording.plan.library)
     field, z = arrays.zeros(shape, "complex64", on), planes[0].z
-    for index, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
-        moving = named(told, "Between planes")
+    for index, (plane, part) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
+        on_propagation = named(part, "Between planes")
         if plane.sees == "images":
-            # straight rays tell which of them are seen
+            # added to the field of the surfaces that show them
             images = arrays.zeros(shape, "complex64", on)
-            tracing.add(number, plane, images, told)
+            tracing.add(number, plane, images, part)
             with recording.clock("propagation"):
-                for k, m, wave in _moved(images, hologram, z - plane.z, carried=False):
-                    moving(1.0)
+                for k, m, wave in _propagated(images, hologram, z - plane.z, carried=False):
+                    on_propagation(1.0)
                     field[m, k, ...] += wave
             continue
         if index:
-            # what lies behind passes the surfaces of this slab as a wave, there where they begin
+            # the wave from behind passes the silhouette where the surfaces of this slab begin
             clear = arrays.like(np.sqrt(1 - recording.silhouette(plane)), on)
             with recording.clock("propagation"):
-                for k, m, wave in _moved(field, hologram, plane.low - z, carried=False):
-                    moving(0.0)
+                for k, m, wave in _propagated(field, hologram, plane.low - z, carried=False):
+                    on_propagation(0.0)
                     field[m, k, ...] = wave * clear
-                for k, m, wave in _moved(field, hologram, plane.z - plane.low, carried=False):
-                    moving(0.0)
+                for k, m, wave in _propagated(field, hologram, plane.z - plane.low, carried=False):
+                    on_propagation(0.0)
                     field[m, k, ...] = wave
         z = plane.z
-        tracing.add(number, plane, field, told)
+        tracing.add(number, plane, field, part)
     field *= arrays.like(np.float32(1 / np.sqrt(tracing.recordable(number))).reshape(-1, 1, 1, 1), on)
     return field
 
 
 def _despeckle(recording, tracing, field, progress):
-    """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
+    """Despeckle the field on the plane nearest to the viewer, in place, by batches of frames of the same paths."""
     hologram, plan, settings = recording.hologram, recording.plan, recording.plan.settings
     low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
     targets = [
@@ -184,22 +187,24 @@ def _despeckle(recording, tracing, field, progress):
         for wavelength in hologram.wavelengths
     ]
     stages = Stages(progress, "despeckling")
-    for batch, told in enumerate(parts(stages["frames"], despeckle.BATCHES)):
-        many = _in_scene(recording, tracing, OWN + 1 + batch, told)
+    for batch, part in enumerate(parts(stages["frames"], despeckle.BATCHES)):
+        frames = _in_scene(recording, tracing, OWN_FRAMES + 1 + batch, part)
         with recording.clock("despeckle"):
             for k, target in enumerate(targets):
-                target.add(many[:, k, ...])
+                target.add(frames[:, k, ...])
     with recording.clock("despeckle"):
-        for k, (target, told) in enumerate(zip(targets, parts(stages["steps"], len(targets)), strict=True)):
+        for k, (target, part) in enumerate(zip(targets, parts(stages["steps"], len(targets)), strict=True)):
             field[:, k, ...] = despeckle.despeckle(
-                field[:, k, ...], target, settings.despeckle, settings.seed, named(told, "Despeckling")
+                field[:, k, ...], target, settings.despeckle, settings.seed, named(part, "Despeckling")
             )
 
 
-def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack.
+def _propagated(
+    field, hologram, distance, carried=True, display=None
+) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Propagate a stack of fields: yield the numbers of wavelength and frame, and the field, with or without carrier.
 
-    To a display that is where its pixels lie for the light of each wavelength.
+    With a display, the field is on its pixels, and at the distance where they lie for each wavelength.
     """
     shape, start = field.shape[-2:], distance
     for k, wavelength in enumerate(hologram.wavelengths):

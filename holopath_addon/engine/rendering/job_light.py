@@ -1,7 +1,7 @@
-"""Light that all frames of a job have alike: how it is found, decided once, and what is baked of it, once.
+"""Light that all frames of a job share: its method is decided once, and it is baked once.
 
-Which way is faster is decided by measured times, and what is baked depends on which views were baked before. So both
-are done once for all, for views of the scene's own range of frames, and kept in a folder that is not written again.
+Measured times decide the method, and what is baked depends on the views that were baked before. Both are done once for
+all frames, for views of the scene's own frame range, and kept in a folder that is not written again.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ..errors import InvalidInput
-from ..files import earlier, whole_folder
+from ..files import overwrite_check, whole_folder
 from ..light.bake_store import BakeStore, JobStore
 from ..planning import planner
 from ..progress import Clock, Progress, parts, stage
 from ..scene import variants
-from .planned import PlannedRender
+from .render_context import RenderContext
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -32,26 +32,36 @@ if TYPE_CHECKING:
 
 RECORD = "light.json"
 FORMAT = "HoloPath light"
-DECIDED = ("auto", "fast")  # methods whose frames would differ by who makes them, and after which others
-MOST_VIEWS = 8
-EVERY = 8  # frames, of which one is looked at, as far as that gives no more views
+DECIDED = ("auto", "fast")  # methods whose frames would depend on the machine, and on the frames before
+MAX_VIEWS, FRAMES_PER_VIEW = 8, 8  # views of a job, and frames for each view up to that number
 
 
 class View(Protocol):
-    """What is seen in a frame."""
+    """View of a frame."""
 
     @property
-    def scene(self) -> mi.Scene: ...
+    def scene(self) -> mi.Scene:
+        """Mitsuba's scene."""
+        ...
+
     @property
-    def camera(self) -> Camera: ...
+    def camera(self) -> Camera:
+        """Camera of the frame."""
+        ...
+
     @property
-    def hologram(self) -> Hologram: ...
+    def hologram(self) -> Hologram:
+        """Display."""
+        ...
+
     @property
-    def settings(self) -> Settings: ...
+    def settings(self) -> Settings:
+        """Settings as requested."""
+        ...
 
 
 class JobLight:
-    """A job's light in its folder.
+    """Light of a job in its folder.
 
     Parameters
     ----------
@@ -59,12 +69,12 @@ class JobLight:
     job : str
         Digest of the job.
     store : BakeStore or None
-        The user's own: what it holds is not baked again, and what is baked goes there, too.
+        The user's own store: its light is not baked again, and new light is copied there.
 
     Attributes
     ----------
     store : JobStore
-        The light that was baked, to be read alone.
+        The baked light, read-only.
     """
 
     def __init__(self, folder: Path | str, job: str, store: BakeStore | None) -> None:
@@ -72,12 +82,12 @@ class JobLight:
         self.store = JobStore(self.folder, store, sealed=True)
 
     def done(self) -> bool:
-        """Whether it is there."""
+        """Whether the light of this job is in the folder."""
         return self._record.get("job") == self._job
 
     @cached_property
     def method(self) -> str:
-        """How light is found in every frame, 'full' or 'fast'; once it is `done`."""
+        """Method of light of every frame, 'full' or 'fast'; once `done`."""
         return self._record["method"]
 
     @property
@@ -88,12 +98,12 @@ class JobLight:
             return {}
 
     def make(self, frames: Sequence[int], look: Callable[[int], View], progress: Progress) -> None:
-        """Decide and bake; that of another job is replaced, or kept where its first views are the same.
+        """Decide and bake; light of another job is replaced, or kept where its first views are the same.
 
         Parameters
         ----------
         frames : sequence of int
-            Numbers of the scene's own frames, whichever are rendered.
+            All of the scene's own frames, not only those that are rendered.
         look : callable
             ``look(frame)`` gives its `View`.
         progress : callable
@@ -107,17 +117,17 @@ class JobLight:
         """
         variants.activate()
         views, before = spread(frames), self._record
-        with whole_folder(self.folder, earlier("HoloPath's light", RECORD, others=("*",))) as folder:
+        with whole_folder(self.folder, overwrite_check("HoloPath's light", RECORD, others=("*",))) as folder:
             progress(0.0, "Exporting the scene")
-            first = [_told(look, frame) for frame in views[:2]]
-            moves = len({told and told[0] for told in first}) > 1
+            first = [_inputs(look, frame) for frame in views[:2]]
+            moves = len({inputs and inputs[0] for inputs in first}) > 1
             of = None if None in first else hashlib.sha256(json.dumps(first).encode()).hexdigest()
             if of is not None and of == before.get("of"):  # a file that was saved anew
                 method = before["method"]
                 for file in self.store.files():
                     shutil.copyfile(file, folder / file.name)
             else:
-                method = _found(views, look, moves, JobStore(folder, self._own), progress)
+                method = _decided(views, look, moves, JobStore(folder, self._own), progress)
             for file in BakeStore(folder).files():
                 file.chmod(0o644)  # for other users that share the folder, too
             record = {"format": FORMAT, "job": self._job, "of": of, "method": method}
@@ -125,49 +135,50 @@ class JobLight:
 
 
 def spread(frames: Sequence[int]) -> list[int]:
-    """A few frames from the first to the last one, of which views are looked at."""
-    count = min(MOST_VIEWS, max(-(-len(frames) // EVERY), 2), len(frames))
+    """A few frames from the first to the last one, whose views decide."""
+    count = min(MAX_VIEWS, max(-(-len(frames) // FRAMES_PER_VIEW), 2), len(frames))
     return [frames[round(n * (len(frames) - 1) / max(1, count - 1))] for n in range(count)]
 
 
-def _told(look, frame):
-    """JSON-able: a frame's scene, by its digest, and all else that decides its light; None where it is no view."""
+def _inputs(look, frame):
+    """Digest of a frame's scene, and everything else that affects its light, for JSON; None without a view."""
     from ..scene.fingerprint import scene_digest
 
     try:
         view = look(frame)
     except InvalidInput:
         return None
-    asked = view.camera.to_dict(), view.hologram.to_dict(), asdict(view.settings)
-    return [scene_digest(view.scene), repr(asked)]
+    request = view.camera.to_dict(), view.hologram.to_dict(), asdict(view.settings)
+    return [scene_digest(view.scene), repr(request)]
 
 
-def _found(frames, look, moves, store, progress):
-    """The method, decided in the first of the views that can be planned; light is baked into a store then."""
+def _decided(frames, look, moves, store, progress):
+    """Method that the first view decides which can be planned; the light of all views is baked into a store."""
     from ..scene.fingerprint import scene_digest
 
-    # Light of a scene that moves serves no other frame: what there is of the first one then must not decide.
+    # Light of a moving scene serves one frame only, so that light of the first frame must not decide.
     known = JobStore(store.folder, store, sealed=True) if moves else store
-    method, digest, seen, errors = None, None, [], []
-    for frame, at in zip(frames, parts(progress, len(frames)), strict=True):
-        at(0.0, "Exporting the scene")
+    method, digest, baked, errors = None, None, [], []
+    for frame, part in zip(frames, parts(progress, len(frames)), strict=True):
+        part(0.0, "Exporting the scene")
         try:
             view = look(frame)
             if method and scene_digest(view.scene) != digest:
                 break
             settings = planner.resolved(replace(view.settings, method=method or view.settings.method))
-            asked = view.camera.to_dict(), view.hologram, replace(settings, method="fast")
-            if asked in seen:
+            request = view.camera.to_dict(), view.hologram, replace(settings, method="fast")
+            if request in baked:
                 continue
-            what = view.scene, view.camera, view.hologram, settings
-            plan = planner.plan(*what, known, stage(at, 0.0, 0.0))
+            plan = planner.plan(
+                view.scene, view.camera, view.hologram, settings, known, stage(part, 0.0, 0.0)
+            )
             method, digest = "fast" if plan.cached else "full", scene_digest(view.scene)
             if not plan.cached:
-                store.clear()  # what it may have begun with
+                store.clear()  # of light that it began with
                 break
-            PlannedRender(*what[:3], plan, Clock()).bake(store, at)
-            seen.append(asked)
-        except InvalidInput as error:  # there may be nothing in view
+            RenderContext(view.scene, view.camera, view.hologram, plan, Clock()).bake(store, part)
+            baked.append(request)
+        except InvalidInput as error:  # as where nothing is in view
             errors.append(InvalidInput(f"Frame {frame}: {error}"))
         if moves and method:
             break

@@ -1,4 +1,4 @@
-"""Numbers and tables in Dr.Jit memory: constants that stay constants, and rows that are fetched in packets."""
+"""Numbers and tables in Dr.Jit memory: constants that stay constant, and rows that are gathered in packets."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ PHASOR_SCALE = 127
 
 
 def constant(kind: type, values: Iterable[float]) -> Any:
-    """A vector that is kept, such as an axis: data to compiled programs, so that other numbers compile nothing.
+    """Make a vector that is kept, such as an axis, opaque: compiled programs then serve other numbers, too.
 
-    As literals its components would not stay one number each: Dr.Jit 1.5 may widen them in place to the arrays that
-    they meet (docs/theory.md, "A trap of Dr.Jit"). Numbers that are kept are `drjit.opaque` for the same reason.
+    As literals its components would not stay single numbers: Dr.Jit 1.5 may widen them in place to the arrays that
+    they are combined with (docs/theory.md, "A trap of Dr.Jit"). Numbers that are kept are `drjit.opaque` for that, too.
 
     Parameters
     ----------
     kind : type
-        Such as `mitsuba.Vector3f`.
-    values : sequence of float
+        Type of the vector, such as `mitsuba.Vector3f`.
+    values : iterable of float
     """
     vector = kind(*map(float, values))
     dr.make_opaque(vector)
@@ -36,23 +36,24 @@ def constant(kind: type, values: Iterable[float]) -> Any:
 def mean(color: mi.Color3f) -> mi.Float:
     """Mean of a color's channels.
 
-    `drjit.mean` writes the number of lanes into the program, which is then compiled anew for each.
+    `drjit.mean` makes the number of lanes a part of the program, which is then compiled again for each.
     """
     return (color.x + color.y + color.z) * (1 / 3)
 
 
-ALIGNMENT = 64  # bytes, of the widest vectors of any processor
+ALIGNMENT = 64  # bytes of the widest vectors of any processor
 
 
 def loaded(kind: type, values: np.ndarray) -> Any:
-    """A NumPy array in memory of its own, as Dr.Jit's.
+    """Copy a NumPy array to a Dr.Jit array in aligned memory.
 
-    Dr.Jit 1.5 would use NumPy's memory as it lies. It compiles a program that reads an array lane by lane, or rows of
-    it, again for one that begins at a multiple of 64 bytes, or does not: with three arrays eight programs, by chance.
+    Dr.Jit 1.5 would use NumPy's memory in place. It compiles programs that read an array separately for memory that
+    starts at a multiple of 64 bytes and for other memory: with three arrays up to eight programs.
 
     Parameters
     ----------
     kind : {mitsuba.Float, mitsuba.UInt32, mitsuba.UInt64}
+        Type of the result.
     values : numpy.ndarray
         Numbers, in one dimension.
     """
@@ -65,12 +66,12 @@ def loaded(kind: type, values: np.ndarray) -> Any:
 
 
 def row_stride(count: int) -> int:
-    """Row length of a buffer whose rows of `count` values `gather_row` reads in packets of 4, 2 or 1."""
+    """Length of rows of `count` values that `gather_row` reads in packets of 4, 2 or 1."""
     return count if count <= 2 else 4 * math.ceil(count / 4)
 
 
 def gather_row(buffer: Any, index: mi.UInt32, count: int) -> list:
-    """The `count` values of row `index` of a buffer made by `packed`."""
+    """Gather the `count` values of row `index` from a buffer of `packed`."""
     stride = row_stride(count)
     if stride == 1:
         return [dr.gather(type(buffer), buffer, index)]
@@ -89,7 +90,7 @@ def gather_row(buffer: Any, index: mi.UInt32, count: int) -> list:
 
 
 def packed(values: np.ndarray) -> Any:
-    """A 2-D array, float32 or uint32, as a flat Dr.Jit buffer with rows of `row_stride`."""
+    """Copy a 2-D array, float32 or uint32, to a flat Dr.Jit buffer with rows of `row_stride`."""
     rows, count = values.shape
     if count != row_stride(count):
         values = np.pad(values, ((0, 0), (0, row_stride(count) - count)))
@@ -97,10 +98,15 @@ def packed(values: np.ndarray) -> Any:
 
 
 def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:
-    """Unit phasors as pairs of signed bytes, two frames a word, the frames of a grain side by side.
+    """Pack unit phasors in pairs of signed bytes, two frames a word, the frames of a grain side by side.
 
-    Rounding to 1/127 is noise at -50 dB, far under any speckle, and a quarter of the memory traffic, which
-    limits the kernel when there are many frames.
+    Rounding to 1/127 is noise at -50 dB, far below speckle, and needs a quarter of the memory traffic, which limits the
+    kernel if there are many frames.
+
+    Parameters
+    ----------
+    phasors : sequence of numpy.ndarray, complex64, shape (rows, columns)
+        One map for each frame.
     """
     frames = len(phasors)
     pairs = np.zeros((phasors[0].size, 2 * math.ceil(frames / 2), 2), np.int8)
@@ -110,7 +116,7 @@ def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:
 
 
 def gather_phasors(buffer: Any, index: mi.UInt32, frames: int) -> list:
-    """Real and imaginary parts, times `PHASOR_SCALE`, of each frame's phasor at a grain."""
+    """Gather real and imaginary parts, times `PHASOR_SCALE`, of each frame's phasor at a grain."""
     parts = []
     for word in gather_row(buffer, index, math.ceil(frames / 2)):
         word = mi.Int(word)

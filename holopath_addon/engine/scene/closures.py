@@ -1,8 +1,8 @@
-"""Shader closures as Cycles has them: BSDF types ``gloss``, ``glass``, ``sheen``, ``matt``, ``clear``.
+"""Shader closures of Cycles: BSDF types ``gloss``, ``glass``, ``sheen``, ``matt``, ``clear``.
 
-Each serves both sides of a surface alike. Those that reflect tell their albedo, for `mixture` to take it from what
-lies below. Light that one bounce between microfacets loses comes back by a factor on the whole lobe (Turquin 2019,
-"Practical multiple scattering compensation for microfacet models"), coloured by Kulla and Conty 2017, "Revisiting
+Each is the same on both sides of a surface. Reflecting ones have an albedo, by which `mixture` reduces the layers below
+them. Light that is lost after one bounce between microfacets is restored by a factor of the whole lobe (Turquin 2019,
+"Practical multiple scattering compensation for microfacet models"), colored by Kulla and Conty 2017, "Revisiting
 physically based shading at Imageworks".
 """
 
@@ -26,11 +26,11 @@ from .microfacet import (
 
 FLAGS = mi.BSDFFlags
 SIDES = FLAGS.FrontSide | FLAGS.BackSide
-SMOOTHEST = 0.02  # roughness of a rough lobe at least
+MIN_ROUGHNESS = 0.02  # minimum roughness of a rough lobe
 
 
 class Closure(mi.BSDF):
-    """One or two lobes; subclasses have `_sample` and `_eval_pdf` for light from above, their mask a copy."""
+    """BSDF of one or two lobes; subclasses define `_sample` and `_eval_pdf` for light from above."""
 
     def __init__(self, props, *lobes):
         super().__init__(props)
@@ -50,11 +50,11 @@ class Closure(mi.BSDF):
         return f"{type(self).__name__}[{self._settings}], textures {list(self._textures)}"
 
     def _enabled(self, ctx):
-        """Whether each lobe is asked for."""
+        """Whether each lobe is requested by a context."""
         return [ctx.is_enabled(lobe, number) for number, lobe in enumerate(self._lobes)]
 
     def _above(self, si):
-        """Whether the front is seen."""
+        """Whether the front is in view."""
         return si.wi.z > 0
 
     def _sample(self, ctx, si, wi, sample1, sample2, active):
@@ -91,14 +91,14 @@ class Closure(mi.BSDF):
 
 
 class Gloss(Closure):
-    """A mirror, smooth without ``roughness``, else of microfacets.
+    """Mirror; with ``roughness`` of microfacets, else smooth.
 
     ``anisotropic`` widens the lobe along x by 1 / ``aspect`` and narrows it along y; x is the tangent, turned
     by ``rotation`` turns. The reflectance is that of a dielectric with ``ior`` (times ``reflectance`` at
     normal incidence), of a metal with ``f0`` and, relative to Schlick's at 82 degrees, ``edge`` (Kutz,
     Hasan and Edmondson 2021, "Novel aspects of the Adobe Standard Material"), or ``reflectance`` alone.
-    The ``distribution`` is ``multiscatter_ggx``, or ``ggx`` or ``beckmann``, which lose what bounces more
-    than once.
+    The ``distribution`` is ``multiscatter_ggx``, or ``ggx`` or ``beckmann``, which lose light that bounces
+    more than once.
     """
 
     def __init__(self, props):
@@ -107,7 +107,7 @@ class Gloss(Closure):
         ior = props.get("ior", 0.0)
         self._ior = dr.opaque(mi.Float, ior) if ior else None
         self._metal = "f0" in props
-        self._colour = self._texture(props, "f0" if self._metal else "reflectance", 1.0)
+        self._color = self._texture(props, "f0" if self._metal else "reflectance", 1.0)
         self._edge = self._texture(props, "edge", 1.0) if self._metal and "edge" in props else None
         if not self._smooth:
             self._roughness = self._texture(props, "roughness", 0.5)
@@ -115,32 +115,32 @@ class Gloss(Closure):
             self._turn = self._texture(props, "rotation", 0.0) if "rotation" in props else None
             self._table = reflection_table(round(ior, 4) or 1.5)
             if self._aspect == 1 and isinstance(props["roughness"], float):
-                self._table = self._table.at(max(props["roughness"], SMOOTHEST))
+                self._table = self._table.at(max(props["roughness"], MIN_ROUGHNESS))
             self._distribution, self._multiscatter = _microfacets(props)
 
     def _fresnel(self, si, active):
-        """Reflectance by cosine, and its mean over the hemisphere."""
-        colour = self._colour.eval(si, active)
+        """Reflectance as a function of the cosine, and its mean over the hemisphere."""
+        color = self._color.eval(si, active)
         if self._ior is not None:
             smooth = normal_reflectance(self._ior)
-            normal = dr.minimum(colour * smooth, 1)
+            normal = dr.minimum(color * smooth, 1)
             mean = mean_reflectance(self._ior)
-            share = dr.clip((mean - smooth) / (1 - smooth), 0, 1)
-            return lambda cosine: dr.lerp(normal, 1, grazing(cosine, self._ior)), dr.lerp(normal, 1, share)
+            average = dr.clip((mean - smooth) / (1 - smooth), 0, 1)
+            return lambda cosine: dr.lerp(normal, 1, grazing(cosine, self._ior)), dr.lerp(normal, 1, average)
         if not self._metal:
-            return lambda cosine: colour, colour
+            return lambda cosine: color, color
         if self._edge is None:
-            return lambda cosine: dr.lerp(colour, 1, (1 - cosine) ** 5), dr.lerp(colour, 1, 1 / 21)
-        dip = dr.lerp(colour, 1, (6 / 7) ** 5) * (7 / (6 / 7) ** 6) * (1 - self._edge.eval(si, active))
+            return lambda cosine: dr.lerp(color, 1, (1 - cosine) ** 5), dr.lerp(color, 1, 1 / 21)
+        dip = dr.lerp(color, 1, (6 / 7) ** 5) * (7 / (6 / 7) ** 6) * (1 - self._edge.eval(si, active))
 
         def reflectance(cosine):
-            schlick = dr.lerp(colour, 1, (1 - cosine) ** 5)
+            schlick = dr.lerp(color, 1, (1 - cosine) ** 5)
             return dr.clip(schlick - dip * cosine * (1 - cosine) ** 6, 0, 1)
 
-        return reflectance, dr.lerp(colour, 1, 1 / 21) - dip / 126
+        return reflectance, dr.lerp(color, 1, 1 / 21) - dip / 126
 
     def _shape(self, si, active):
-        roughness = dr.clip(self._roughness.eval_1(si, active), SMOOTHEST, 1)
+        roughness = dr.clip(self._roughness.eval_1(si, active), MIN_ROUGHNESS, 1)
         alpha = mi.Vector2f(dr.square(roughness))
         if self._aspect != 1:
             alpha = dr.minimum(alpha * mi.Vector2f(1 / self._aspect, self._aspect), 1)
@@ -148,7 +148,7 @@ class Gloss(Closure):
         return roughness, self._distribution(alpha)
 
     def _along(self, si, active, *vectors):
-        """Vectors with x along the tangent, and how to turn one back."""
+        """Rotate vectors, with x along the tangent; return them and the inverse rotation."""
         if self._smooth or self._turn is None:
             return (*vectors, lambda w: w)
         sine, cosine = dr.sincos(2 * dr.pi * self._turn.eval_1(si, active))
@@ -159,7 +159,7 @@ class Gloss(Closure):
         return (*(turned(w, sine) for w in vectors), lambda w: turned(w, -sine))
 
     def _kept(self, roughness, cosine, mean, active):
-        """Factor that gives back the light of more than one bounce, and how far the albedo is to grazing."""
+        """Factor for light of more than one bounce, mean `grazing`, and albedo of one bounce."""
         single, average, towards = self._table(roughness, cosine, active)
         if not self._multiscatter:
             return 1, towards, 1
@@ -167,7 +167,7 @@ class Gloss(Closure):
         return 1 + many * (1 - single) / single, towards, single
 
     def albedo(self, si, active=True):
-        """Share of light that is reflected towards si.wi."""
+        """Fraction of light that is reflected towards si.wi."""
         cosine = dr.abs(si.wi.z)
         reflectance, mean = self._fresnel(si, active)
         if self._smooth:
@@ -190,7 +190,7 @@ class Gloss(Closure):
         wo = mi.reflect(wi, normal)
         factor, _, _ = self._kept(roughness, wi.z, mean, active)
         density = facets.visible_density(wi, normal) / 4
-        value = reflectance(dr.dot(wi, normal)) * (facets.seen(wi, wo) * factor)
+        value = reflectance(dr.dot(wi, normal)) * (facets.unmasked(wi, wo) * factor)
         return self._scattered(back(wo), density, active & (wo.z > 0)), value
 
     def _eval_pdf(self, ctx, si, wi, wo, active):
@@ -203,17 +203,16 @@ class Gloss(Closure):
         normal = dr.normalize(wi + wo)
         factor, _, _ = self._kept(roughness, wi.z, mean, active)
         density = facets.visible_density(wi, normal) / 4
-        value = reflectance(dr.dot(wi, normal)) * (facets.seen(wi, wo) * factor * density)
+        value = reflectance(dr.dot(wi, normal)) * (facets.unmasked(wi, wo) * factor * density)
         return dr.select(active, value, 0), dr.select(active, density, 0)
 
 
 class Glass(Closure):
-    """An interface to a dielectric with ``ior`` which reflects and transmits, of microfacets (Walter 2007) or,
-    without ``roughness``, smooth.
+    """Interface to a dielectric with ``ior``; with ``roughness`` of microfacets (Walter 2007), else smooth.
 
     ``reflectance`` and ``transmittance`` tint, ``specular_tint`` scales the reflectance at normal incidence.
-    With ``fresnel`` false all light is let through, but for total reflection, and nothing is reflected.
-    ``distribution`` as in `Gloss`. Radiance is not scaled by the square of the index as it enters and leaves: a
+    With ``fresnel`` false all light is transmitted, except in total reflection, and none is reflected. For
+    ``distribution`` see `Gloss`. Radiance is not scaled by the square of the index as it enters and leaves: a
     closed body looks the same, and a single sheet stands for a pane.
     """
 
@@ -238,11 +237,11 @@ class Glass(Closure):
             if multiscatter:
                 self._tables = [glass_table(round(ior, 4)), glass_table(1 / round(ior, 4))]
                 if isinstance(props["roughness"], float):
-                    rough = max(props["roughness"], SMOOTHEST)
+                    rough = max(props["roughness"], MIN_ROUGHNESS)
                     self._tables = [table.at(rough) for table in self._tables]
 
     def _interface(self, si, active):
-        """Index beyond, and reflectance and transmittance by cosine."""
+        """Relative index beyond, and reflectance and transmittance as a function of the cosine."""
         ior = dr.select(si.wi.z > 0, self._ior, dr.rcp(self._ior))
         tint = self._transmittance.eval(si, active)
         if not self._fresnel:
@@ -251,18 +250,18 @@ class Glass(Closure):
         mirrored = self._reflectance.eval(si, active)
         tinted = None if self._tint is None else self._tint.eval(si, active)
 
-        def shares(cosine):
+        def fractions(cosine):
             reflected = mi.Color3f(mi.fresnel(cosine, ior)[0])
             if tinted is not None:
                 normal = dr.minimum(normal_reflectance(ior) * tinted, 1)
                 reflected = dr.lerp(normal, 1, grazing(cosine, ior))
             return reflected * mirrored, (1 - reflected) * tint
 
-        return ior, shares
+        return ior, fractions
 
     def _microstructure(self, si, wi, active):
-        """Microfacets, and the factor that gives back the light of more than one bounce."""
-        roughness = dr.clip(self._roughness.eval_1(si, active), SMOOTHEST, 1)
+        """Microfacets, and the factor for light of more than one bounce."""
+        roughness = dr.clip(self._roughness.eval_1(si, active), MIN_ROUGHNESS, 1)
         facets = self._distribution(mi.Vector2f(dr.square(roughness)))
         if self._tables is None:
             return facets, mi.Color3f(1)
@@ -274,14 +273,14 @@ class Glass(Closure):
         return facets, 1 + many * (1 - single) / single
 
     def _sample(self, ctx, si, wi, sample1, sample2, active):
-        ior, shares = self._interface(si, active)
+        ior, fractions = self._interface(si, active)
         facets, normal, density, factor = None, mi.Normal3f(0, 0, 1), mi.Float(1), mi.Color3f(1)
         if not self._smooth:
             facets, factor = self._microstructure(si, wi, active)
             normal = facets.visible_normal(wi, sample2)
         cosine = dr.dot(wi, normal)
-        reflected, transmitted = shares(cosine)
-        chance = _chance(reflected, transmitted, *self._asked(ctx))
+        reflected, transmitted = fractions(cosine)
+        chance = _chance(reflected, transmitted, *self._requested(ctx))
         mirrors = sample1 < chance
         beyond, passes = refracted(wi, normal, ior)
         wo = dr.select(mirrors, mi.reflect(wi, normal), beyond)
@@ -289,7 +288,7 @@ class Glass(Closure):
         if facets is not None:
             spread = dr.select(mirrors, 1 / (4 * cosine), _spread(wi, wo, normal, ior))
             density = facets.visible_density(wi, normal) * cosine * spread
-            factor *= facets.seen(wi, wo)
+            factor *= facets.unmasked(wi, wo)
         chosen = dr.select(mirrors, chance, 1 - chance)
         value = dr.select(mirrors, reflected, transmitted) * factor / chosen
         sample = self._scattered(wo, density * chosen, active & (density > 0))
@@ -300,55 +299,56 @@ class Glass(Closure):
         sample.eta = dr.select(mirrors, 1, ior)
         return sample, value
 
-    def _asked(self, ctx):
-        """Whether reflection and transmission are asked for."""
+    def _requested(self, ctx):
+        """Whether reflection and transmission are requested by a context."""
         return self._enabled(ctx) if self._fresnel else [False, *self._enabled(ctx)]
 
     def _eval_pdf(self, ctx, si, wi, wo, active):
         if self._smooth:
             return mi.Color3f(0), mi.Float(0)
-        ior, shares = self._interface(si, active)
+        ior, fractions = self._interface(si, active)
         facets, factor = self._microstructure(si, wi, active)
         mirrors = wo.z > 0
         normal = dr.normalize(wi + wo * dr.select(mirrors, 1, ior))
         normal = dr.mulsign(normal, normal.z)
         cosine, beyond = dr.dot(wi, normal), dr.dot(wo, normal)
         active &= (cosine > 0) & dr.select(mirrors, beyond > 0, beyond < 0)
-        reflected, transmitted = shares(cosine)
-        chance = _chance(reflected, transmitted, *self._asked(ctx))
+        reflected, transmitted = fractions(cosine)
+        chance = _chance(reflected, transmitted, *self._requested(ctx))
         density = facets.visible_density(wi, normal) * cosine
         density *= dr.select(mirrors, 1 / (4 * cosine), _spread(wi, wo, normal, ior))
         value = dr.select(mirrors, reflected, transmitted)
-        value *= facets.seen(wi, wo) * factor * density
+        value *= facets.unmasked(wi, wo) * factor * density
         density *= dr.select(mirrors, chance, 1 - chance)
         return dr.select(active, value, 0), dr.select(active, density, 0)
 
 
 class Sheen(Closure):
-    """Light scattered by fuzz (Zeltner, Burley and Chiang 2022, "Practical multiple-scattering sheen using
-    linearly transformed cosines"), with the rational fits to their tables that MaterialX publishes.
+    """Sheen of fuzz, with the rational fits that MaterialX publishes.
+
+    Zeltner, Burley and Chiang 2022, "Practical multiple-scattering sheen using linearly transformed cosines".
     """
 
     def __init__(self, props):
         super().__init__(props, FLAGS.DiffuseReflection)
-        self._colour = self._texture(props, "reflectance", 1.0)
+        self._color = self._texture(props, "reflectance", 1.0)
         self._roughness = self._texture(props, "roughness", 0.5)
 
     def _fit(self, si, cosine, active):
-        """Transform of the cosine lobe: its scale and its shear; and the albedo."""
+        """Scale and shear that transform the cosine lobe, and the albedo."""
         x, y = cosine, dr.clip(self._roughness.eval_1(si, active), 0.01, 1)
         scale = (2.58126 * x + 0.813703 * y) * y / (1 + 0.310327 * x * x + 2.60994 * x * y)
         shear = dr.safe_sqrt(1 - x) * (y - 1) * y**3
         shear /= 0.0000254053 + 1.71228 * x - 1.71506 * x * y + 1.34174 * y * y
         width = y * (0.0206607 + 1.58491 * y) / (0.0379424 + y * (1.32227 + y))
-        centre = y * (-0.193854 + y * (-1.14885 + y * (1.7932 - 0.95943 * y * y))) / (0.046391 + y)
+        center = y * (-0.193854 + y * (-1.14885 + y * (1.7932 - 0.95943 * y * y))) / (0.046391 + y)
         floor = y * (0.000654023 + y * (-0.0207818 + 0.119681 * y)) / (1.26264 + y * (-1.92021 + y))
-        bell = dr.exp(-0.5 * dr.square((x - centre) / width)) / (width * dr.sqrt(2 * dr.pi))
+        bell = dr.exp(-0.5 * dr.square((x - center) / width)) / (width * dr.sqrt(2 * dr.pi))
         return scale, shear, dr.clip(bell + floor, 0, 1)
 
     def albedo(self, si, active=True):
-        """Share of light that is reflected towards si.wi."""
-        return self._colour.eval(si, active) * self._fit(si, dr.abs(si.wi.z), active)[2]
+        """Fraction of light that is reflected towards si.wi."""
+        return self._color.eval(si, active) * self._fit(si, dr.abs(si.wi.z), active)[2]
 
     def _sample(self, ctx, si, wi, sample1, sample2, active):
         scale, shear, albedo = self._fit(si, wi.z, active)
@@ -358,7 +358,7 @@ class Sheen(Closure):
         wo = mi.Vector3f(across * lobe.x - along * lobe.y, along * lobe.x + across * lobe.y, lobe.z)
         density = _transformed(lobe, scale, shear)
         active &= self._enabled(ctx)[0]
-        return self._scattered(wo, density, active), self._colour.eval(si, active) * albedo
+        return self._scattered(wo, density, active), self._color.eval(si, active) * albedo
 
     def _eval_pdf(self, ctx, si, wi, wo, active):
         scale, shear, albedo = self._fit(si, wi.z, active)
@@ -366,14 +366,14 @@ class Sheen(Closure):
         lobe = mi.Vector3f(across * wo.x + along * wo.y, across * wo.y - along * wo.x, wo.z)
         active &= (wo.z > 0) & self._enabled(ctx)[0]
         density = dr.select(active, _transformed(lobe, scale, shear), 0)
-        return self._colour.eval(si, active) * albedo * density, density
+        return self._color.eval(si, active) * albedo * density, density
 
 
 class Matt(Closure):
-    """Diffuse light, reflected or, if ``translucent``, let through.
+    """Diffuse reflection or, if ``translucent``, diffuse transmission.
 
-    With ``roughness`` reflected by the improved Oren-Nayar model (Fujii 2012) and light scattered more than
-    once as the OpenPBR specification adds it.
+    With ``roughness`` the improved Oren-Nayar model (Fujii 2012), with light scattered more than once by the
+    OpenPBR specification.
     """
 
     def __init__(self, props):
@@ -383,19 +383,19 @@ class Matt(Closure):
         self._roughness = self._texture(props, "roughness", 0.0) if "roughness" in props else None
 
     def _above(self, si):
-        # a matt surface may be seen from below the horizon of its shading normal: the shape decides
+        # may be in view from below the horizon of the shading normal: the side of the shape counts
         towards = dr.dot(si.n, si.to_world(si.wi))
         return dr.select(towards == 0, si.wi.z > 0, towards > 0)
 
     def eval_diffuse_reflectance(self, si, active=True):
-        # by Mitsuba's default, light that leaves along the normal: none of what is seen from the other side
+        # Mitsuba's default, scattering along the normal, would be 0 for a view from the other side
         return self._reflectance.eval(si, active)
 
     def _value(self, si, wi, wo, active):
-        colour = self._reflectance.eval(si, active)
+        color = self._reflectance.eval(si, active)
         cosine = dr.abs(wo.z)
         if self._roughness is None:
-            return colour * (cosine * dr.inv_pi)
+            return color * (cosine * dr.inv_pi)
         sigma = dr.clip(self._roughness.eval_1(si, active), 0, 1)
         wi.z = dr.maximum(wi.z, 0)
         scale = 1 / (dr.pi + sigma * (dr.pi / 2 - 2 / 3))
@@ -404,10 +404,10 @@ class Matt(Closure):
         once = scale * (1 + sigma * turn)
         mean = scale * (dr.pi + sigma * (2 * dr.pi - 5.6) / 3)
         lost = [1 - scale * (dr.pi + sigma * _oren_nayar(c)) for c in (wi.z, cosine)]
-        # with one factor of the colour more than the specification, as Cycles has it
-        many = dr.square(colour) * (mean * dr.inv_pi / dr.maximum(1 - mean, 1e-6))
-        many /= 1 - colour * (1 - mean)
-        return colour * cosine * (once + many * (lost[0] * lost[1]))
+        # one factor of the color more than in the specification, as in Cycles
+        many = dr.square(color) * (mean * dr.inv_pi / dr.maximum(1 - mean, 1e-6))
+        many /= 1 - color * (1 - mean)
+        return color * cosine * (once + many * (lost[0] * lost[1]))
 
     def _sample(self, ctx, si, wi, sample1, sample2, active):
         wo = mi.warp.square_to_cosine_hemisphere(sample2)
@@ -418,8 +418,8 @@ class Matt(Closure):
         return self._scattered(wo, density, active), self._value(si, wi, wo, active) / density
 
     def _eval_pdf(self, ctx, si, wi, wo, active):
-        there = wo.z < 0 if self._through else wo.z > 0
-        active &= there & self._enabled(ctx)[0]
+        valid = wo.z < 0 if self._through else wo.z > 0
+        active &= valid & self._enabled(ctx)[0]
         return (
             dr.select(active, self._value(si, wi, wo, active), 0),
             dr.select(active, dr.abs(wo.z) * dr.inv_pi, 0),
@@ -427,7 +427,7 @@ class Matt(Closure):
 
 
 class Clear(Closure):
-    """A surface that is not there, but for its ``transmittance``."""
+    """Surface without any effect but its ``transmittance``."""
 
     def __init__(self, props):
         super().__init__(props, FLAGS.Null)
@@ -435,8 +435,8 @@ class Clear(Closure):
 
     def sample(self, ctx, si, sample1, sample2, active=True):
         active = active & self._enabled(ctx)[0]
-        colour = dr.select(active, self._transmittance.eval(si, active), 0)
-        return self._scattered(-si.wi, mi.Float(1), active), colour
+        color = dr.select(active, self._transmittance.eval(si, active), 0)
+        return self._scattered(-si.wi, mi.Float(1), active), color
 
     def eval_pdf(self, ctx, si, wo, active=True):
         return mi.Color3f(0), mi.Float(0)
@@ -451,21 +451,21 @@ for name, kind in KINDS.items():
 
 
 def _microfacets(props):
-    """The distribution of microfacets, and whether light that bounces more than once between them is kept."""
+    """Distribution of microfacets, and whether light that bounces more than once between them is kept."""
     distribution = props.get("distribution", "multiscatter_ggx")
     kinds = {"multiscatter_ggx": Ggx, "ggx": Ggx, "beckmann": Beckmann}
     if distribution not in kinds:
-        raise ValueError(f"There is no distribution '{distribution}': choose one of {', '.join(kinds)}.")
+        raise ValueError(f"Expected a distribution of {', '.join(kinds)}, got '{distribution}'.")
     return kinds[distribution], distribution == "multiscatter_ggx"
 
 
 def _turned(above, w):
-    """A direction as seen from a surface's front, or from its back as if that were the front."""
+    """Direction in the frame of the side in view, as if that were the front."""
     return mi.Vector3f(w.x, w.y, dr.select(above, w.z, -w.z))
 
 
 def _chance(reflected, transmitted, reflects, transmits):
-    """Chance of reflection rather than transmission, by their shares and by what is asked for."""
+    """Probability of reflection, by reflectance and transmittance and by the requested lobes."""
     if not (reflects and transmits):
         return mi.Float(1.0 if reflects else 0.0)
     reflected, both = mean(reflected), mean(reflected + transmitted)

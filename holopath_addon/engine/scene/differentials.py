@@ -1,16 +1,16 @@
-"""How a chain of mirrors and lenses moves neighbouring rays, and where they cross (stage s6)."""
+"""Ray differentials along a chain of mirrors and lenses, and where neighboring rays cross (stage s6)."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-# without the UV flag Mitsuba gives the derivatives of position and normal in the same parameters
+# without the UV flag Mitsuba derives position and normal by the same parameters
 SHAPE_FLAGS = mi.RayFlags.ShadingFrame | mi.RayFlags.dNSdUV
 
 
 def start(ray: mi.Ray3f) -> list:
-    """Moves of a ray's point and unit direction when its origin is shifted, and when it is turned: four pairs."""
+    """Differentials of a ray's point and unit direction for two shifts of its origin and two turns: four pairs."""
     none = mi.Vector3f(0)
     axes = [mi.Vector3f(axis) for axis in mi.coordinate_system(ray.d)]
     return [(axis, none) for axis in axes] + [(none, axis) for axis in axes]
@@ -25,10 +25,23 @@ def after_hit(
     eta: mi.Float,
     active: mi.Bool,
 ) -> list:
-    """The moves after a mirror or, where `reflected` is false, a refraction by the relative index `eta`.
+    """Propagate differentials to a surface, and reflect or refract them.
 
-    H. Igehy, Tracing Ray Differentials, SIGGRAPH 1999: no neighbouring rays are traced. `ahead` is how far beyond
-    the piece's true origin the ray starts.
+    H. Igehy, Tracing Ray Differentials, SIGGRAPH 1999: no neighboring rays are traced.
+
+    Parameters
+    ----------
+    moves : list
+        Differentials, see `start`.
+    ray : mitsuba.Ray3f
+    surface : mitsuba.PreliminaryIntersection3f
+    ahead : mitsuba.Float
+        Distance from the segment's true origin at which the ray starts.
+    reflected : mitsuba.Bool
+        Whether the ray is reflected, or refracted.
+    eta : mitsuba.Float
+        Relative index of refraction.
+    active : mitsuba.Bool
     """
     si = surface.compute_surface_interaction(ray, SHAPE_FLAGS, active)
     n = mi.Vector3f(si.sh_frame.n)
@@ -56,11 +69,20 @@ def after_hit(
 
 
 def crossing(moves: list, last: mi.Ray3f, reach: mi.Float) -> mi.Float:
-    """Distance along the first piece of a chain where rays from the same real point P cross.
+    """Distance along the first segment of a chain where rays from the same real point P cross.
 
-    With dP = A dO + B dv, the move of P, at `reach` on the last piece, under a shift dO of the origin and a
-    turn dv of the direction, rays through the same P have dv = -B^-1 A dO; they cross the first at distance
-    t = 2 / trace(B^-1 A), the mean of the two focal distances' inverses. Without mirrors A = 1, B = t.
+    With dP = A dO + B dv, the move of P under a shift dO of the origin and a turn dv of the direction, rays through the
+    same P have dv = -B^-1 A dO; they cross the first at distance t = 2 / trace(B^-1 A), the inverse of the mean of the
+    two focal distances' inverses. Without mirrors A = 1, B = t.
+
+    Parameters
+    ----------
+    moves : list
+        Differentials, see `start`.
+    last : mitsuba.Ray3f
+        Last segment.
+    reach : mitsuba.Float
+        Distance of P on it.
     """
     across, along = mi.coordinate_system(last.d)
     landings = [point + reach * turn for point, turn in moves]

@@ -1,4 +1,4 @@
-"""Glass whose index of refraction depends on the wavelength: Mitsuba BSDF type ``dispersive_dielectric``."""
+"""Glass with dispersion: Mitsuba BSDF type ``dispersive_dielectric``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .lobes import parts_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-# metres: Fraunhofer's lines that define the Abbe number
+# Fraunhofer lines that define the Abbe number, meters.
 LINE_D, LINE_F, LINE_C = 587.6e-9, 486.1e-9, 656.3e-9
 
 
@@ -22,11 +22,11 @@ def cauchy(index: float, abbe: float, wavelength: float) -> float:
     Parameters
     ----------
     index : float
-        n_d, at 587.6 nm.
+        Index n_d at 587.6 nm.
     abbe : float
-        (n_d - 1) / (n_F - n_C).
+        Abbe number (n_d - 1) / (n_F - n_C).
     wavelength : float
-        Metres.
+        Meters.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def cauchy(index: float, abbe: float, wavelength: float) -> float:
 class DispersiveDielectric(mi.BSDF):
     """Mitsuba's `dielectric` with ``int_ior`` at 587.6 nm and the Abbe number ``abbe``.
 
-    Rendered colours are those of one wavelength at a time, which `tuned` sets.
+    It renders one wavelength at a time, which `tuned` sets.
     """
 
     def __init__(self, props):
@@ -48,7 +48,7 @@ class DispersiveDielectric(mi.BSDF):
         if self.abbe <= 0:
             raise ValueError("dispersive_dielectric: 'abbe' must be positive, such as 64 for crown glass.")
         self.outside = props.get("ext_ior", 1.0)
-        # as `tune` computes it, to the last bit
+        # the same as in `tune`, to the last bit
         glass = {"type": "dielectric", "int_ior": self.index / self.outside, "ext_ior": 1.0}
         for name in ("specular_transmittance", "specular_reflectance"):
             if name in props:
@@ -58,13 +58,13 @@ class DispersiveDielectric(mi.BSDF):
         self.m_flags = self.glass.flags()
 
     def tune(self, wavelength):
-        """Take the index of refraction at a wavelength in metres."""
+        """Set the index of refraction at a wavelength, meters."""
         parameters = mi.traverse(self.glass)
         parameters["eta"] = cauchy(self.index, self.abbe, wavelength) / self.outside
         parameters.update()
 
     def sample(self, ctx, si, sample1, sample2, active=True):
-        # of importance, as radiance is not scaled by the square of the index in `closures.Glass` either
+        # transport of importance, as in `closures.Glass`, where radiance is not scaled by the square of the index
         ctx = mi.BSDFContext(mi.TransportMode.Importance, ctx.type_mask, ctx.component)
         return self.glass.sample(ctx, si, sample1, sample2, active)
 
@@ -88,14 +88,14 @@ mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
 
 
 def wavelength_groups(scene: mi.Scene, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
-    """Wavelengths that share their rays: all, or each for itself where the scene disperses."""
+    """Divide wavelengths into groups that share their rays: one of all, or one each if the scene has dispersion."""
     disperses = any(hasattr(part, "tune") for part in parts_of(scene))
     return [(w,) for w in wavelengths] if disperses and len(wavelengths) > 1 else [tuple(wavelengths)]
 
 
 @contextmanager
 def tuned(scene: mi.Scene, wavelengths: Sequence[float]) -> Iterator[None]:
-    """The scene as the wavelengths of one group see it, metres; afterwards as at 587.6 nm."""
+    """Set the indices of refraction of a scene for one group of wavelengths, meters; afterwards for 587.6 nm."""
     tune_all = [part.tune for part in parts_of(scene) if hasattr(part, "tune")]
     try:
         for tune in tune_all:

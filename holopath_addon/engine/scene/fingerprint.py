@@ -1,9 +1,9 @@
-"""Digests of all that decides the light on a scene's surfaces, by which baked light is kept and found again.
+"""Digests of every input that affects the light on a scene's surfaces, by which baked light is stored and found.
 
-A part of a scene is known by its type, by its numbers and nested parts, as Mitsuba's traversal gives them, and by
-its description, which names choices and flags. Bitmaps and perturbed normals tell some of theirs nowhere: they are
-known by how they answer. Types of which it is not known that they tell all have another digest each time: then the
-light is baked anew, and never taken from another scene.
+The digest of a part contains its type, the values and nested parts that Mitsuba's traversal returns, and its
+description, which has choices and flags. Bitmaps and perturbed normals hide some of theirs: their results count.
+Types not known to expose everything get a new digest each time: their light is always baked again, and never taken
+from another scene.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from .lobes import held_by
 
-# types that tell all, or of which `_Digests` finds out the rest
+# Types that expose all their inputs, or whose other inputs `_Digests` determines.
 SHAPES = """ShapeGroupPlugin Instance Mesh PLYMesh OBJMesh SerializedMesh Cube Rectangle Sphere Disk Cylinder
     BSplineCurve LinearCurve"""
 BSDFS = """SmoothDiffuse SmoothPlastic RoughPlastic SmoothConductor RoughConductor SmoothDielectric ThinDielectric
@@ -30,8 +30,10 @@ TEXTURES = """UniformSpectrum SRGBReflectanceSpectrum RawConstantTexture BlackBo
 EMITTERS = """AreaLight DirectionalArea PointLight SpotLight DirectionalEmitter ConstantBackgroundEmitter
     EnvironmentMapEmitter"""
 KNOWN = frozenset(f"{SHAPES} {BSDFS} {TEXTURES} {EMITTERS}".split())
-MEAN = re.compile(r"\n *mean = \S+")  # of a bitmap, in its description: as a parallel sum came out
-PROBES = 1024  # places on a surface with perturbed normals, and directions
+MEAN = re.compile(
+    r"\n *mean = \S+"
+)  # of a bitmap, in its description: depends on the order of a parallel sum
+PROBES = 1024  # samples of places and directions on a surface with perturbed normals
 
 
 def scene_digest(scene: mi.Scene) -> str:
@@ -51,7 +53,7 @@ def scene_digest(scene: mi.Scene) -> str:
 
 
 def text_of_properties(props: mi.Properties) -> str:
-    """What a plugin is told, but for nested parts, which are traversed, as text from which no bit is lost.
+    """Text of a plugin's properties, exact to the last bit; nested parts are left out, as they are traversed.
 
     Parameters
     ----------
@@ -61,7 +63,9 @@ def text_of_properties(props: mi.Properties) -> str:
     -------
     str
     """
-    props = mi.Properties(props)  # a copy: those that the plugin never reads stay known as misspelt
+    props = mi.Properties(
+        props
+    )  # a copy: Mitsuba reports properties that the plugin never reads as misspelled
     # pyrefly: ignore[missing-attribute]  # missing from Mitsuba's stubs
     spectrum, nested = mi.Properties.Type.Spectrum, mi.BSDF | mi.Texture
     values = {name: props[name] for name in sorted(props.keys()) if props.type(name) != spectrum}
@@ -69,7 +73,7 @@ def text_of_properties(props: mi.Properties) -> str:
 
 
 class _Digests:
-    """Digests of a scene's parts, each found once.
+    """Digests of a scene's parts, each computed once.
 
     Parameters
     ----------
@@ -77,28 +81,28 @@ class _Digests:
     """
 
     def __init__(self, scene):
-        self._scene, self._found = scene, {}
+        self._scene, self._known = scene, {}
 
     def shapes(self):
-        """In the order of the scene."""
+        """Digests of all shapes in the order of the scene."""
         groups = [part for _, part in _contents(self._scene) if _type(part) == "ShapeGroupPlugin"]
         names = [group.id() for group in groups]
         try:
             for group in groups:
-                group.set_id(self._of(group))  # an instance tells nothing of its group but the name
+                group.set_id(self._of(group))  # an instance exposes only the name of its group
             return [self._of(shape) for shape in self._scene.shapes()]
         finally:
             for group, name in zip(groups, names, strict=True):
                 group.set_id(name)
 
     def light(self):
-        """Of all emitters that are no shapes."""
+        """Digest of all emitters that are no shapes."""
         return _hashed(sorted(self._of(e) for e in self._scene.emitters() if e.get_shape() is None))
 
     def _of(self, part):
-        if part not in self._found:
-            self._found[part] = _hashed(self._traits(part))
-        return self._found[part]
+        if part not in self._known:
+            self._known[part] = _hashed(self._traits(part))
+        return self._known[part]
 
     def _traits(self, part):
         kind, contents = _type(part), _contents(part)
@@ -113,25 +117,25 @@ class _Digests:
             yield f"flipped: {part.has_flipped_normals()}"
         if isinstance(part, mi.Mesh):
             yield f"flat: {part.has_face_normals()}"
-        # other shapes and emitters describe only what is traversed, and what follows from that and from other parts
+        # descriptions of other shapes and emitters add nothing to their traversal and to other parts
         if isinstance(part, mi.BSDF | mi.Texture) or kind == "Instance" or ours:
             yield MEAN.sub("", str(part))
         if kind == "BitmapTextureImpl":
             yield _looked_up(part, **dict(contents))
         if kind in ("NormalMap", "BumpMap"):
             yield _flags(part, **dict(contents))
-        untold = kind == "Rectangle" and part.has_mesh_attributes()  # which its traversal leaves out
-        if untold or not (ours or kind in KNOWN):
+        hidden = kind == "Rectangle" and part.has_mesh_attributes()  # missing from its traversal
+        if hidden or not (ours or kind in KNOWN):
             yield secrets.token_hex()
 
 
 def _type(part):
-    """Mitsuba's name of the type of a part, "" of what is none."""
+    """Mitsuba's name of a part's type; empty for other values."""
     return part.class_name().partition("[")[0] if isinstance(part, mi.Object) else ""
 
 
 def _contents(part) -> list[tuple[str, Any]]:
-    """Names of a part's nested parts and values, and these."""
+    """Names and values of a part's nested parts and parameters."""
     return [
         (name, value if kind is None else mi.get_property(value, kind, part))
         for name, value, kind in held_by(part)
@@ -146,10 +150,10 @@ def _hashed(texts):
 
 
 def _exact(value):
-    """A value as text: long arrays by their digest."""
+    """Text of a value; that of long arrays is their digest."""
     if value is None or isinstance(value, bool | int | float | str):
         return repr(value)
-    # not hasattr(value, "matrix"): to a vector of Dr.Jit's every name is a swizzle
+    # not hasattr(value, "matrix"): for a Dr.Jit vector every name is a swizzle
     array = np.ascontiguousarray(value.matrix if "Transform" in type(value).__name__ else value)
     if array.dtype == object:
         return secrets.token_hex()
@@ -159,13 +163,13 @@ def _exact(value):
 
 
 def _looked_up(texture, data, to_uv):
-    """Values of a bitmap, given its texels, that differ wherever its filter or its wrap mode makes a difference."""
+    """Values of a bitmap at places where every filter and wrap mode gives another one, if its texels differ at all."""
     texels = np.asarray(data)
     height, width = texels.shape[:2]
     places = []
     for other in (np.broadcast_to(texels[:1, :1], texels.shape), texels[:, ::-1], texels[::-1]):
         x, y = _difference(texels, other)
-        # between texels, and where repeated, mirrored and clamped ones lie
+        # between texels, and beyond the edges, for repeated, mirrored and clamped ones
         places += [(x - 0.3 * (x > 0), y - 0.3 * (y > 0)), (-1 - x, y), (x, -1 - y), (-1 - x, -1 - y)]
         places += [(x - width, y - height)]
     size, matrix = np.array([width, height]), np.array(to_uv.matrix)
@@ -182,7 +186,7 @@ def _looked_up(texture, data, to_uv):
 
 
 def _difference(image, other):
-    """First texel (x, y) in which two images differ, the corner if they do not."""
+    """First texel (x, y) in which two images differ, or the corner."""
     for y, (row, others) in enumerate(zip(image, other, strict=True)):
         columns = np.flatnonzero(((row != others) & ~np.isnan(row)).any(-1))
         if len(columns):
@@ -191,22 +195,22 @@ def _difference(image, other):
 
 
 def _flags(bsdf, nested_bsdf, **parts):
-    """Flags of a surface of perturbed normals: those with which the same parts answer as it does, bit by bit.
+    """Flags of a surface with perturbed normals: those with which the same parts scatter the same, bit by bit.
 
-    What it answers itself differs in its last digits between processors, and the digest must not.
+    Its own results differ in their last digits between processors, and the digest must not.
     """
     kind = _type(bsdf).lower()
-    answer = _scattered(bsdf)
+    result = _scattered(bsdf)
     for flip, shadow in product((True, False), repeat=2):
         flags = {"flip_invalid_normals": flip, "use_shadowing_function": shadow}
         twin = mi.load_dict({"type": kind, "nested_bsdf": nested_bsdf, **parts, **flags})
-        if np.array_equal(_scattered(twin), answer, equal_nan=True):
+        if np.array_equal(_scattered(twin), result, equal_nan=True):
             return repr(flags)
     return secrets.token_hex()
 
 
 def _scattered(bsdf):
-    """What a surface of perturbed normals does with light from all sides, much of it grazing."""
+    """Directions and values of light that a surface scatters, from all sides, much of it grazing."""
     number = np.random.default_rng(0).random((8, PROBES), np.float32)
     cosine = np.copysign(10 ** (-4 * number[0]), number[1] - 0.5)
     sine, azimuth = np.sqrt(1 - cosine**2), 2 * np.pi * number[2]

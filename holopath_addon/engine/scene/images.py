@@ -1,8 +1,8 @@
-"""Texture type ``picture``: an image sampled as Cycles samples it.
+"""Texture type ``picture``: an image with the sampling of Cycles.
 
-Cycles keeps the numbers of an image file, interpolates between those, and only then divides by the alpha and decodes
-sRGB. Mitsuba's `bitmap` interpolates between linear values, which is brighter between dark and bright texels: by 35 %
-on a small checker.
+Cycles interpolates the encoded values of an image file, and only then divides by the alpha and decodes sRGB.
+Mitsuba's `bitmap` interpolates between linear values, which is brighter between dark and bright texels: by 35 % on a
+small checker.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from .fingerprint import text_of_properties
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 WRAPS = ("repeat", "mirror", "clamp", "black")
-MARGIN = 3  # texels beyond the edge that a filter reaches at most
+MARGIN = 3  # maximum reach of a filter beyond the edge, texels
 
 
 class ImageTexture(mi.Texture):
-    """An image of one, three or four channels, bottom row (v = 0) first.
+    """Texture of an image of one, three or four channels, bottom row (v = 0) first.
 
     Parameters
     ----------
     bitmap : mitsuba.Bitmap
-        8-bit channels, which are kept so, or float32.
+        Channels of 8 bits, or float32.
     filter_type : {'bilinear', 'cubic'}
         ``cubic`` is a B-spline, which blurs.
     wrap_mode : {'repeat', 'mirror', 'clamp', 'black'}
@@ -49,7 +49,7 @@ class ImageTexture(mi.Texture):
         self._cubic = props.get("filter_type", "bilinear") == "cubic"
         self._wrap = props.get("wrap_mode", "repeat")
         if self._wrap not in WRAPS:
-            raise ValueError(f"There is no wrap_mode '{self._wrap}': choose one of {', '.join(WRAPS)}.")
+            raise ValueError(f"Expected a wrap_mode of {', '.join(WRAPS)}, got '{self._wrap}'.")
         height, width, self._channels = texels.shape
         self._shape = width, height
         self._size = [dr.opaque(mi.UInt32, length) for length in self._shape]
@@ -89,7 +89,7 @@ class ImageTexture(mi.Texture):
         return dr.clip(color * self._scale + self._offset, 0, self._limit)
 
     def _texel(self, index, active):
-        """Channels of texels; those of bytes from 0 to 255."""
+        """Channels of texels; 0 to 255 if the image has 8 bits."""
         if not self._bytes:
             return gather_row(self._texels, index, self._channels)
         word = dr.gather(mi.UInt32, self._texels, index, active)
@@ -178,7 +178,7 @@ class ImageTexture(mi.Texture):
 
 
 def decoded(color):
-    """Linear values of sRGB's (IEC 61966-2-1), zero of negative ones as in Cycles."""
+    """Linear values of sRGB values (IEC 61966-2-1); 0 for negative ones, as in Cycles."""
     return dr.select(color <= 0.04045, dr.maximum(color, 0) / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,13 +1,12 @@
-"""Emitter types ``point_lamp``, ``area_lamp`` and ``sun_lamp``: lights with a size that no ray ever meets.
+"""Emitter types ``point_lamp``, ``area_lamp`` and ``sun_lamp``: Blender's lights, which have a size but no surface.
 
-Blender's lamps are seen neither by the camera nor by other light, and hide nothing. Mitsuba's emitters that no ray
-meets are points and directions without extent. So are these as far as a path tracer can tell (``delta``: it need
-not weigh them against rays that might meet them), but each sample takes another point of the extent, so that
-shadows are soft.
+Blender's lights are invisible to the camera and to other light, and occlude nothing. Mitsuba's invisible emitters are
+points and directions without extent. These are, too, for a path tracer (``delta``: no ray meets them, so they need no
+multiple importance sampling), but each sample takes another point of the extent, so that shadows are soft.
 
-The models are those of Blender's renderer Cycles. Lengths are metres; ``to_world`` places the lamp, which shines
+The models are those of Blender's renderer Cycles. Lengths are meters; ``to_world`` places the light, which shines
 along its own -z. ``profile``, if given, is a tensor [v, u, 3] of factors over the direction in which light leaves,
-in the lamp's own frame without scale: rows at equal angles from +z (top) to -z, columns at equal azimuths from +x
+in the light's own frame without scale: rows at equal angles from +z (top) to -z, columns at equal azimuths from +x
 through +y, each value in the middle of its cell. ``falloff`` multiplies the light by this power of the distance in
 ``unit``: 1 makes it fall off linearly, 2 not at all.
 """
@@ -23,14 +22,14 @@ import numpy as np
 from .buffers import constant
 from .fingerprint import text_of_properties
 
-PARALLEL = 1e-3  # radians: half the spread of an area lamp below which its light counts as parallel
-BEYOND = 1e8  # metres: the sun is farther than any scene
-EDGE = 1e-7  # of the cosine: width of a sharp spot's edge
-TOUCHING = 1e-12  # metres: nearer to a lamp than this is not told apart
+MIN_SPREAD = 1e-3  # minimum half spread of an area light, radians: its light is parallel below that
+SUN_DISTANCE = 1e8  # meters, beyond any scene
+EDGE = 1e-7  # width of a sharp spot's edge, in the cosine
+MIN_DISTANCE = 1e-12  # meters: distances from a light below this count as this
 
 
 class Lamp(mi.Emitter):
-    """What the lamps share; `_reach` samples a point of the extent."""
+    """Base class of the lights; `_reach` samples a point of the extent."""
 
     def __init__(self, props):
         super().__init__(props)
@@ -38,7 +37,7 @@ class Lamp(mi.Emitter):
         self.m_flags = mi.EmitterFlags.DeltaPosition
         matrix = np.array(props["to_world"].matrix)
         axes = matrix[:3, :3].T
-        self.centre = constant(mi.Vector3f, matrix[:3, 3])
+        self.center = constant(mi.Vector3f, matrix[:3, 3])
         self.axes = [constant(mi.Vector3f, axis / np.linalg.norm(axis)) for axis in axes]
         self.cone_axes = [constant(mi.Vector3f, axis / np.dot(axis, axis)) for axis in axes]
         self.profile = _directional(props["profile"]) if "profile" in props else None
@@ -50,7 +49,7 @@ class Lamp(mi.Emitter):
 
     def sample_direction(self, it, sample, active=True):
         offset, strength = self._reach(it.p, sample)
-        distance = dr.maximum(dr.norm(offset), TOUCHING)
+        distance = dr.maximum(dr.norm(offset), MIN_DISTANCE)
         direction = offset / distance
         if self.profile is not None:
             local = mi.Vector3f(*(-dr.dot(direction, axis) for axis in self.axes))
@@ -83,10 +82,10 @@ class Lamp(mi.Emitter):
 
 
 class PointLamp(Lamp):
-    """A disk of ``radius`` that faces every point it lights, or with ``sphere`` a sphere of uniform radiance.
+    """Disk of ``radius`` that faces every point it lights, or with ``sphere`` a sphere of uniform radiance.
 
-    Parameters are ``intensity`` (from afar, W/sr, of channels), ``radius``, ``sphere``, and for a spot ``cone``,
-    the half-angle, and ``blend``, the share of 1 - cos(cone) over which its edge is smooth; the scale of
+    Parameters are ``intensity`` (from afar, W/sr, by channel), ``radius``, ``sphere``, and for a spot ``cone``,
+    the half-angle, and ``blend``, the fraction of 1 - cos(cone) over which its edge is smooth; the scale of
     ``to_world`` makes the cone elliptic.
     """
 
@@ -102,8 +101,8 @@ class PointLamp(Lamp):
             self.rise = dr.opaque(mi.Float, 1 / max((1 - cosine) * props.get("blend", 0.0), EDGE))
 
     def _reach(self, p, sample):
-        inwards = self.centre - p
-        squared = dr.maximum(dr.squared_norm(inwards), TOUCHING**2)
+        inwards = self.center - p
+        squared = dr.maximum(dr.squared_norm(inwards), MIN_DISTANCE**2)
         frame = mi.Frame3f(inwards * dr.rsqrt(squared))
         if not self.sphere:
             disk = self.radius * mi.warp.square_to_uniform_disk_concentric(sample)
@@ -123,7 +122,7 @@ class PointLamp(Lamp):
         return along * direction, self.intensity * (2 * lost / r2 * passing)
 
     def _through(self, leaving):
-        """Share of the light that a spot lets pass in a direction, of any length."""
+        """Fraction of the light that a spot emits in a direction, a vector of any length."""
         if not self.spot:
             return mi.Float(1)
         local = dr.normalize(mi.Vector3f(*(dr.dot(leaving, axis) for axis in self.cone_axes)))
@@ -132,11 +131,11 @@ class PointLamp(Lamp):
 
 
 class AreaLamp(Lamp):
-    """A rectangle of ``width`` and ``height`` along x and y, or with ``round`` an ellipse, bright on one side.
+    """Rectangle of ``width`` and ``height`` along x and y, or with ``round`` an ellipse, bright on one side.
 
-    Its ``radiance`` is that of an open rectangle of the same power. With half the ``spread`` of less than a right
-    angle it shines through a grid of slats: (tan a - tan x) / (tan a - a) of it at an angle x, a the half spread
-    (Cycles' model, which keeps the power).
+    Its ``radiance`` is that of an open rectangle of the same power. With half the ``spread`` below a right angle it
+    shines through a grid of slats, with the factor (tan a - tan x) / (tan a - a) at an angle x, where a is half the
+    spread (Cycles' model, which preserves the power).
     """
 
     def __init__(self, props):
@@ -145,21 +144,21 @@ class AreaLamp(Lamp):
         self.half = [dr.opaque(mi.Float, 0.5 * props[side]) for side in ("width", "height")]
         self.round = props.get("round", False)
         self.area = dr.opaque(mi.Float, props["width"] * props["height"] * (math.pi / 4 if self.round else 1))
-        limit = max(0.5 * props.get("spread", math.pi), PARALLEL)
+        limit = max(0.5 * props.get("spread", math.pi), MIN_SPREAD)
         self.slats = limit < math.radians(89.9)
         if self.slats:
             self.limit = dr.opaque(mi.Float, math.tan(limit))
             self.gain = dr.opaque(mi.Float, 1 / (math.tan(limit) - limit))
 
     def _reach(self, p, sample):
-        inwards = self.centre - p
+        inwards = self.center - p
         x, y, z = (dr.dot(inwards, axis) for axis in self.axes)  # z: height of p on the bright side
         disk = mi.warp.square_to_uniform_disk_concentric(sample)
         place = disk if self.round else 2 * sample - 1
         place = mi.Point2f(place.x * self.half[0], place.y * self.half[1])
         area, lit = self.area, z > 0
         if self.slats:
-            # of the lamp, or of the disk whose light reaches p, the smaller
+            # the smaller of the light and the disk whose light reaches p
             foot, near = mi.Point2f(-x, -y), math.pi * (z * self.limit) ** 2
             place = dr.select(near < area, foot + z * self.limit * disk, place)
             area = dr.minimum(near, area)
@@ -169,14 +168,14 @@ class AreaLamp(Lamp):
             lit &= (size <= 1) & (tangent < self.limit)
             area *= (self.limit - tangent) * self.gain
         offset = inwards + place.x * self.axes[0] + place.y * self.axes[1]
-        squared = dr.maximum(dr.squared_norm(offset), TOUCHING**2)
+        squared = dr.maximum(dr.squared_norm(offset), MIN_DISTANCE**2)
         return offset, dr.select(lit, self.radiance * (area * z * dr.rsqrt(squared) / squared), 0)
 
 
 class SunLamp(Lamp):
-    """A disk of the sky of half-angle ``radius`` and uniform radiance; ``irradiance`` is what it sends.
+    """Disk of the sky of half-angle ``radius`` and uniform radiance; ``irradiance`` is its total.
 
-    The irradiance is integrated over directions, each facing its own, W/m^2: L 2 pi (1 - cos(radius)).
+    The irradiance, W/m^2, is integrated over directions without the cosine: L 2 pi (1 - cos(radius)).
     """
 
     def __init__(self, props):
@@ -185,7 +184,7 @@ class SunLamp(Lamp):
         self.lost = dr.opaque(mi.Float, 2 * math.sin(0.5 * props.get("radius", 0.0)) ** 2)
 
     def _reach(self, p, sample):
-        return BEYOND * mi.Frame3f(self.axes[2]).to_world(_cone(sample, self.lost)), self.irradiance
+        return SUN_DISTANCE * mi.Frame3f(self.axes[2]).to_world(_cone(sample, self.lost)), self.irradiance
 
 
 KINDS = {"point_lamp": PointLamp, "area_lamp": AreaLamp, "sun_lamp": SunLamp}
@@ -194,7 +193,7 @@ for name, kind in KINDS.items():
 
 
 def _cone(sample, lost):
-    """A direction uniform in the cone around +z whose cosines go down to 1 - `lost`."""
+    """Sample a direction uniformly in the cone around +z with cosines down to 1 - `lost`."""
     disk = mi.warp.square_to_uniform_disk_concentric(sample)
     depth = lost * dr.squared_norm(disk)
     aside = dr.sqrt(lost * (2 - depth))
@@ -202,7 +201,7 @@ def _cone(sample, lost):
 
 
 def _directional(values):
-    """Bilinear look-up of factors [v, u, 3] by a unit vector; u goes around."""
+    """Function that looks up factors [v, u, 3] by a unit vector, bilinearly; u is periodic."""
     values = np.asarray(values, np.float32)
     columns = values.shape[1]
     around = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1)

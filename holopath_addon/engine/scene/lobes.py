@@ -1,4 +1,4 @@
-"""The δ lobes of a scene's surfaces: mirrors, clear refraction and straight passage, each with its exact share."""
+"""δ lobes of a scene's surfaces (mirrors, clear refraction, straight transmission), each with its exact weight."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import mitsuba as mi
 
 REFLECTION = int(mi.BSDFFlags.DeltaReflection)
 REFRACTION = int(mi.BSDFFlags.DeltaTransmission)
-PASSAGE = int(mi.BSDFFlags.Null)  # straight on: a thin pane, a mask
+PASSAGE = int(mi.BSDFFlags.Null)  # straight transmission: a thin pane, a mask
 SHARP = REFLECTION | REFRACTION | PASSAGE
 DIFFUSE = int(mi.BSDFFlags.Diffuse)
 TRANSLUCENT = int(mi.BSDFFlags.DiffuseTransmission)
 GLOSSY_TRANSMISSION = int(mi.BSDFFlags.GlossyTransmission)
 GLOSSY = int(mi.BSDFFlags.GlossyReflection) | GLOSSY_TRANSMISSION
-FAINT = 1e-6  # shares of less are rounding: on graphics cards total reflection lets 6e-8 through
-SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's word for all lobes that are not δ
+FAINT = 1e-6  # smaller weights are rounding errors: on graphics cards 6e-8 passes total reflection
+SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's name of all lobes that are not δ
 
 
 @dataclass
 class Lobe:
-    """One way on from a surface (Dr.Jit types).
+    """Lobe of a surface that is followed in one direction (Dr.Jit types).
 
     Attributes
     ----------
     direction : mitsuba.Vector3f
-        In the world.
+        Direction in the world.
     weight : mitsuba.Color3f
-        Share of the radiance, zero where there is no such lobe.
+        Fraction of the radiance; 0 if there is no such lobe.
     eta : mitsuba.Float
-        Index of refraction beyond the surface relative to before.
+        Index of refraction beyond the surface, relative to that before it.
     """
 
     direction: mi.Vector3f
@@ -40,13 +40,12 @@ class Lobe:
 
     @property
     def exists(self) -> mi.Bool:
-        """Whether any light comes this way, and not only what rounding leaves of 1 - 1."""
+        """Whether the weight exceeds rounding errors."""
         return dr.max(self.weight) > FAINT
 
 
 class SpecularLobes:
-    """Samples the δ lobes of any BSDF without chance: component by component, so that blends keep their shares; and
-    tells of narrow lobes as if they were δ.
+    """δ lobes of any BSDF, component by component, so that blends keep their weights; and narrow lobes as if δ.
 
     Parameters
     ----------
@@ -76,7 +75,7 @@ class SpecularLobes:
         return any(lobe in (REFRACTION, GLOSSY_TRANSMISSION) for _, lobe in self.components | self.rough)
 
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
-        """Whether a surface scatters or emits, and its reflecting and transmitting `Lobe`."""
+        """Whether a surface scatters or emits, and its reflected and transmitted `Lobe`."""
         bsdf = si.bsdf()
         flags = bsdf.flags()
         scatters = (flags & SMOOTH) != 0
@@ -86,14 +85,21 @@ class SpecularLobes:
         transmitted = self._lobe(bsdf, si, REFRACTION, active & ((flags & REFRACTION) != 0))
         if self.passes:
             straight = active & ((flags & PASSAGE) != 0)
-            share = dr.select(straight, bsdf.eval_null_transmission(si, straight), 0)
+            weight = dr.select(straight, bsdf.eval_null_transmission(si, straight), 0)
             transmitted.direction = dr.select(straight, -si.to_world(si.wi), transmitted.direction)
-            transmitted.weight += share
+            transmitted.weight += weight
         return scatters, reflected, transmitted
 
     def glossy(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
-        """The stronger glossy lobe of a surface without δ lobes, followed as if it were smooth: its `Lobe`, its density
-        in that direction, 0 where there is none, and whether the surface scatters otherwise, too.
+        """Stronger glossy lobe of a surface without δ lobes, in the direction of a smooth surface.
+
+        Returns
+        -------
+        lobe : Lobe
+        density : mitsuba.Float
+            Density of the lobe in that direction; 0 if there is none.
+        coated : mitsuba.Bool
+            Whether the surface also scatters diffusely.
         """
         bsdf, lobe, density = si.bsdf(), Lobe(mi.Vector3f(0, 0, 1), mi.Color3f(0), mi.Float(1)), mi.Float(0)
         flags = bsdf.flags()
@@ -101,18 +107,18 @@ class SpecularLobes:
         for number, kind in sorted(self.rough):
             context = mi.BSDFContext()
             context.type_mask, context.component = kind, number
-            there = active & ((flags & kind) != 0)
+            valid = active & ((flags & kind) != 0)
             direction, eta = mi.reflect(si.wi), mi.Float(1)
             if kind == GLOSSY_TRANSMISSION:
-                sample, _ = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), there)
+                sample, _ = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), valid)
                 eta = dr.select(sample.eta > 0, sample.eta, 1)
                 _, cosine, _, inverse = mi.fresnel(si.wi.z, dr.select(si.wi.z > 0, eta, dr.rcp(eta)))
                 direction = mi.refract(si.wi, cosine, inverse)
-            value, seen = bsdf.eval_pdf(context, si, direction, there)
-            value = dr.select(there & (seen > 0), value / seen, 0)
+            value, pdf = bsdf.eval_pdf(context, si, direction, valid)
+            value = dr.select(valid & (pdf > 0), value / pdf, 0)
             stronger = dr.max(value) > dr.max(lobe.weight)
             lobe = dr.select(stronger, Lobe(direction, value, eta), lobe)
-            density = dr.select(stronger, seen, density)
+            density = dr.select(stronger, pdf, density)
         lobe.direction = si.to_world(lobe.direction)
         return lobe, density, (flags & DIFFUSE) != 0
 
@@ -123,16 +129,16 @@ class SpecularLobes:
                 continue
             context = mi.BSDFContext()
             context.type_mask, context.component = kind, number
-            sample, share = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
-            found = active & ((sample.sampled_type & kind) != 0) & (dr.max(share) > 0)
-            direction = dr.select(found, sample.wo, direction)
-            eta = dr.select(found, sample.eta, eta)
-            weight += dr.select(found, share, 0)
+            sample, value = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
+            valid = active & ((sample.sampled_type & kind) != 0) & (dr.max(value) > 0)
+            direction = dr.select(valid, sample.wo, direction)
+            eta = dr.select(valid, sample.eta, eta)
+            weight += dr.select(valid, value, 0)
         return Lobe(si.to_world(direction), weight, eta)
 
 
 def surfaces_of(scene: mi.Scene) -> list[mi.Shape]:
-    """Shapes of a scene that have a BSDF, those in groups too, once each."""
+    """List the shapes of a scene that have a BSDF, including those in groups, once each."""
     shapes = (part for part in parts_of(scene) if isinstance(part, mi.Shape))
     return [shape for shape in shapes if shape.bsdf() is not None]
 
@@ -143,46 +149,46 @@ def is_specular(flags: mi.UInt32) -> mi.Bool:
 
 
 def parts_of(scene: mi.Scene) -> list[mi.Object]:
-    """Every object of Mitsuba's that a scene is made of, once: shapes, instanced ones too, BSDFs, textures."""
-    pending, seen = [scene], {}
+    """List the Mitsuba objects of a scene, once each: shapes, including instanced ones, BSDFs, textures."""
+    pending, parts = [scene], {}
     while pending:
         part = pending.pop()
-        if part in seen:
+        if part in parts:
             continue
-        seen[part] = None
+        parts[part] = None
         pending += nested_in(part)
-    return list(seen)
+    return list(parts)
 
 
 def nested_in(part: mi.Object) -> list[mi.Object]:
-    """The objects of Mitsuba's that one of them holds, in its order."""
+    """List the Mitsuba objects nested in another one, in its order."""
     return [value for _, value, _ in held_by(part) if isinstance(value, mi.Object)]
 
 
 def held_by(part: mi.Object) -> list[tuple]:
-    """Name and value of all that an object of Mitsuba's holds; of what is no object, its C++ type too, else None."""
+    """List name, value and C++ type of all contents of a Mitsuba object; the type of nested objects is None."""
     visit = _visit()()
     part.traverse(visit)
-    return visit.found
+    return visit.contents
 
 
 @cache
 def _visit():
-    """A traversal of one part only, defined when Mitsuba has a variant."""
+    """Class of a traversal of one part, defined once Mitsuba has a variant."""
 
     class Visit(mi.TraversalCallback):
         def __init__(self):
             super().__init__()
-            self.found = []
+            self.contents = []
 
         def put(self, name, value, flags, cpptype=None):
-            self.found.append((name, value, cpptype))
+            self.contents.append((name, value, cpptype))
 
     return Visit
 
 
 def _surfaces(scene):
-    """Each BSDF that a shape of the scene has, once, and whether such a shape shines."""
+    """BSDFs of a scene's shapes, once each, and whether such a shape is an emitter."""
     surfaces = {}
     for shape in surfaces_of(scene):
         bsdf = shape.bsdf()

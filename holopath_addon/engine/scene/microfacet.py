@@ -1,4 +1,4 @@
-"""Rough surfaces as microfacets: their distributions, and how much light one bounce off it keeps.
+"""Microfacet distributions of rough surfaces, and their albedo for one bounce.
 
 Wave vectors are local, z along the normal; `alpha` is roughness squared. Sources: Walter et al. 2007, "Microfacet
 models for refraction through rough surfaces"; Heitz 2014, "Understanding the masking-shadowing function";
@@ -13,12 +13,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-ROWS = 32  # of an albedo table, each way
-QUADRATURE = 1024  # points of an entry
+ROWS = 32  # rows and columns of an albedo table
+QUADRATURE = 1024  # sample points of an entry
 
 
 class Ggx:
-    """Trowbridge and Reitz's distribution of microfacet normals, with a roughness along x and one along y."""
+    """GGX (Trowbridge-Reitz) distribution of microfacet normals, with a roughness along x and one along y."""
 
     def __init__(self, alpha: mi.Vector2f) -> None:
         self.alpha = alpha
@@ -34,7 +34,7 @@ class Ggx:
         return 0.5 * (dr.sqrt(1 + slope / dr.maximum(dr.square(w.z), 1e-12)) - 1)
 
     def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
-        """A normal by its share of what `wi`, above the surface, sees (Dupuy and Benyoub 2023)."""
+        """Sample a normal that is visible from `wi`, above the surface (Dupuy and Benyoub 2023)."""
         stretched = dr.normalize(mi.Vector3f(self.alpha.x * wi.x, self.alpha.y * wi.y, wi.z))
         sine, cosine = dr.sincos(2 * dr.pi * number.x)
         z = dr.fma(1 - number.y, 1 + stretched.z, -stretched.z)
@@ -44,8 +44,8 @@ class Ggx:
             mi.Normal3f(self.alpha.x * half.x, self.alpha.y * half.y, dr.maximum(half.z, 1e-6))
         )
 
-    def seen(self, wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Float:
-        """Share of what `wi` sees of a microfacet that also `wo` sees (Heitz 2014, equation 99)."""
+    def unmasked(self, wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Float:
+        """Fraction of the microfacets visible from `wi` that is also visible from `wo` (Heitz 2014, equation 99)."""
         hidden = self.masking(wi)
         return (1 + hidden) / (1 + hidden + self.masking(wo))
 
@@ -55,7 +55,7 @@ class Ggx:
 
 
 class Beckmann(Ggx):
-    """Beckmann's distribution, with Mitsuba's formulas."""
+    """Beckmann distribution, with Mitsuba's formulas."""
 
     def __init__(self, alpha: mi.Vector2f) -> None:
         super().__init__(alpha)
@@ -71,7 +71,7 @@ class Beckmann(Ggx):
         return dr.rcp(dr.maximum(self._distribution.smith_g1(w, mi.Normal3f(0, 0, 1)), 1e-6)) - 1
 
     def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
-        """A normal by its share of what `wi`, above the surface, sees."""
+        """Sample a normal that is visible from `wi`, above the surface."""
         return self._distribution.sample(wi, number)[0]
 
 
@@ -81,36 +81,36 @@ def normal_reflectance(ior: mi.Float | float) -> mi.Float | float:
 
 
 def mean_reflectance(ior: mi.Float) -> mi.Float:
-    """Reflectance of a dielectric, averaged over the hemisphere by the cosine.
+    """Reflectance of a dielectric, averaged over the hemisphere with the cosine.
 
-    Below an index of 1 as much light passes as the other way, by reciprocity, out of 1 / ior^2 times as much;
-    Mitsuba's own fit for that is above 1 for small ones.
+    For indices below 1 by reciprocity, with a transmittance ior^2 times that of the other direction; Mitsuba's own fit
+    exceeds 1 for small ones.
     """
     outside = mi.fresnel_diffuse_reflectance(dr.maximum(ior, dr.rcp(ior)))
     return dr.select(ior < 1, 1 - dr.square(ior) * (1 - outside), outside)
 
 
 def grazing(cosine: mi.Float, ior: mi.Float | float) -> mi.Float:
-    """How far a dielectric's reflectance is on its way from that at normal incidence (0) to 1."""
+    """Reflectance of a dielectric, scaled to 0 at normal incidence and 1 at grazing incidence."""
     reflectance = mi.fresnel(cosine, ior)[0]
     normal = normal_reflectance(ior)
     return dr.clip((reflectance - normal) / (1 - normal), 0, 1)
 
 
 def refracted(wi: mi.Vector3f, normal: mi.Normal3f, ior: mi.Float) -> tuple[mi.Vector3f, mi.Bool]:
-    """Direction beyond a microfacet of an index of refraction, and whether light passes at all."""
+    """Direction of light refracted by a microfacet, and whether it is transmitted at all."""
     cosine = dr.dot(wi, normal)
     _, cosine_t, _, inverse = mi.fresnel(cosine, ior)
     return normal * dr.fma(cosine, inverse, cosine_t) - wi * inverse, cosine_t != 0
 
 
 class AlbedoTable:
-    """Numbers by roughness and cosine of the viewing angle, interpolated.
+    """Interpolated table by roughness and cosine of the viewing angle.
 
     Parameters
     ----------
     values : numpy.ndarray, shape (ROWS, ROWS, channels)
-        By roughness and the root of the cosine: finer towards grazing angles.
+        Entries by roughness and the root of the cosine, which is finer towards grazing angles.
     """
 
     def __init__(self, values: np.ndarray) -> None:
@@ -119,11 +119,12 @@ class AlbedoTable:
         self._texture = mi.Texture2f(mi.TensorXf(self._values), use_accel=False)
 
     def __call__(self, roughness: mi.Float, cosine: mi.Float, active: mi.Bool | bool) -> mi.Float:
+        """Entry for a roughness and a cosine, interpolated."""
         place = mi.Point2f(dr.sqrt(dr.clip(cosine, 0, 1)), roughness)
         return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
 
     def at(self, roughness: float) -> _AlbedoRow:
-        """The table for one roughness, which costs less to look up."""
+        """Table for one roughness, which is faster to look up."""
         row = np.nan_to_num(np.clip(roughness, 0, 1)) * (ROWS - 1)
         first = min(int(row), ROWS - 2)
         lower, upper = self._values[first : first + 2]
@@ -141,12 +142,12 @@ class _AlbedoRow:
 
 
 def reflection_table(ior: float = 1.5) -> AlbedoTable:
-    """Albedo of a rough mirror, its mean over the hemisphere, and how far a dielectric's is towards grazing."""
+    """Albedo of a rough mirror, its mean over the hemisphere, and the mean `grazing` of a dielectric."""
     return _reflection_table(ior, mi.variant())
 
 
 def glass_table(ior: float) -> AlbedoTable:
-    """What a rough interface reflects and lets through of all light, and its mean over the hemisphere."""
+    """Fraction of the light that a rough interface reflects or transmits, and its mean over the hemisphere."""
     return _glass_table(ior, mi.variant())
 
 
@@ -154,9 +155,9 @@ def glass_table(ior: float) -> AlbedoTable:
 def _reflection_table(ior, _):
     wi, normal, facets = _visible_normals()
     wo = mi.reflect(wi, normal)
-    seen = dr.select(wo.z > 0, facets.seen(wi, wo), 0)
-    albedo = _averaged(seen)
-    towards = _averaged(seen * grazing(dr.dot(wi, normal), ior))
+    kept = dr.select(wo.z > 0, facets.unmasked(wi, wo), 0)
+    albedo = _averaged(kept)
+    towards = _averaged(kept * grazing(dr.dot(wi, normal), ior))
     return AlbedoTable(np.stack([albedo, _hemispherical(albedo), towards / albedo], axis=-1))
 
 
@@ -165,15 +166,15 @@ def _glass_table(ior, _):
     wi, normal, facets = _visible_normals()
     reflectance = mi.fresnel(dr.dot(wi, normal), ior)[0]
     wo = mi.reflect(wi, normal)
-    seen = dr.select(wo.z > 0, reflectance * facets.seen(wi, wo), 0)
+    kept = dr.select(wo.z > 0, reflectance * facets.unmasked(wi, wo), 0)
     wo, passes = refracted(wi, normal, ior)
-    seen += dr.select(passes & (wo.z < 0), (1 - reflectance) * facets.seen(wi, wo), 0)
-    albedo = _averaged(seen)
+    kept += dr.select(passes & (wo.z < 0), (1 - reflectance) * facets.unmasked(wi, wo), 0)
+    albedo = _averaged(kept)
     return AlbedoTable(np.stack([albedo, _hemispherical(albedo)], axis=-1))
 
 
 def _visible_normals():
-    """Viewing directions, normals that they see and microfacets of all the points of a table."""
+    """Viewing directions, visible normals and microfacets of all sample points of a table."""
     index = dr.arange(mi.UInt32, ROWS * ROWS * QUADRATURE)
     point, entry = index % QUADRATURE, index // QUADRATURE
     number = mi.Point2f(point * 0.7548776662466927, point * 0.5698402909980532) + 0.5 / QUADRATURE

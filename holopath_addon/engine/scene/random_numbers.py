@@ -1,4 +1,4 @@
-"""Random numbers of each lane of a program, however many lanes it has."""
+"""Random numbers for each lane of a compiled program, independent of the number of lanes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import mitsuba as mi
 
 @dataclass
 class Sampler:
-    """Independent random numbers: those of Mitsuba's sampler of that name, drawn as from it.
+    """Sampler of independent random numbers, with the sequences and methods of Mitsuba's `independent`.
 
-    Mitsuba's makes the number of lanes a part of the compiled program, and numbers lanes from 0. Of this one the caller
-    numbers them, so that they draw the same numbers whatever else is traced beside them. Where a loop of Dr.Jit's
-    draws, the sampler goes on after it, too, whether or not the one that the loop returns is taken.
+    Mitsuba's sampler makes the number of lanes a part of the compiled program, and numbers lanes from 0. Here the
+    caller numbers them, so that each lane has the same random numbers whatever lanes are traced beside it. After a
+    Dr.Jit loop the sampler continues from the loop's state, whether or not the returned sampler is used.
 
     Attributes
     ----------
@@ -26,12 +26,12 @@ class Sampler:
 
     @classmethod
     def seeded(cls, seed: int | mi.UInt32, lane: mi.UInt32) -> Sampler:
-        """A sequence for each lane.
+        """Seed a sequence for each lane.
 
         Parameters
         ----------
         seed : int or mitsuba.UInt32
-            One for all, of which the low 32 bits count, or of each lane.
+            Seed of all lanes, of which the low 32 bits count, or of each lane.
         lane : mitsuba.UInt32
             Numbers of the lanes.
         """
@@ -41,9 +41,9 @@ class Sampler:
         return cls(mi.PCG32(1, *mi.sample_tea_32(seed, lane)))
 
     def next_1d(self) -> mi.Float:
-        """Uniform in [0, 1)."""
+        """Draw a number, uniform in [0, 1)."""
         return self.generator.next_float32()
 
     def next_2d(self) -> mi.Point2f:
-        """Uniform in the unit square."""
+        """Draw a point, uniform in the unit square."""
         return mi.Point2f(self.next_1d(), self.next_1d())

@@ -1,4 +1,4 @@
-"""Rays of hologram space as rays of the world (stages s1 to s3 and s6 of the paper)."""
+"""Rays of hologram space in the world (stages s1 to s3 and s6 of the paper)."""
 
 from __future__ import annotations
 
@@ -19,50 +19,50 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..mapping import DepthMapping
 
-# Rays that Embree may intersect as one, at most: what it finds depends, in the last bit, on which are together.
+# Maximum rays that Embree intersects together: hits depend, in the last bit, on the other rays of a packet.
 PACKET = 64
-OUTSIDE, LEAST_RAMP = 1e6, 1e-9  # metres: stand for infinity and for nothing
-STEEPEST = 8.0  # slope in hologram space: planes that are seen from their edge
+OUTSIDE, MIN_RAMP = 1e6, 1e-9  # meters: stand for infinity and for zero
+MAX_TILT = 8.0  # maximum slope of surfaces in hologram space: planes seen edge-on
 
 
 @dataclass(kw_only=True)
 class ImagePoint:
-    """The image point that a ray sees (Dr.Jit types).
+    """Image point that a ray leads to (Dr.Jit types).
 
     Attributes
     ----------
     distance : mitsuba.Float
-        Along the ray to the image point, metres; negative for an image behind the viewer.
+        Distance of the image point along the ray, meters; negative for an image behind the viewer.
     hit : mitsuba.Bool
-        Whether the image point is at a finite distance; the environment is not, but for curved mirrors and lenses.
+        Whether the distance is finite; that of the environment is infinite, except in curved mirrors and lenses.
     ray : mitsuba.Ray3f
-        The last piece, on which the real image point P lies.
+        Last segment, on which the real image point P lies.
     surface : mitsuba.PreliminaryIntersection3f
-        Where it meets P.
+        Intersection of the last segment at P.
     exists : mitsuba.Bool
-        Whether the ray sees anything, in the branch asked for.
+        Whether there is a surface or environment in the requested branch.
     branch : mitsuba.UInt32
-        Number of the branch taken.
+        Number of the branch, without unused bits.
     aside : mitsuba.UInt32
-        Bits of the choices, the first one's last, at which the branch took the way that is mostly the weaker one.
+        Bits of the choices, that of the first one last, at which the branch followed the usually weaker lobe.
     weight : mitsuba.Color3f or None
-        Share of the radiance that comes through; None for all of it.
+        Fraction of the radiance that is transmitted by the chain; None for all of it.
     whole : mitsuba.Bool
-        Whether P shows all its light; otherwise its δ lobes are left to other branches.
+        Whether P shows all its light; otherwise its δ lobes belong to other branches.
     path : mitsuba.Float
-        The distance if images lay at the optical path length, metres.
+        Distance of the image by the optical path length, meters.
     image : mitsuba.Float
-        How far glossy light is taken to come from its image, 1, rather than from the surface itself, 0.
-    colour : mitsuba.Color3f
-        Part of `weight` that P's radiance has too, and is to be divided by.
+        Weight of the image of glossy light in its distance, 1, against that of the surface itself, 0.
+    color : mitsuba.Color3f
+        Part of `weight` that P's radiance contains, too, and has to be divided by.
     first : mitsuba.Float
-        Along the ray to the first surface, metres.
+        Distance of the first surface along the ray, meters.
     hits : mitsuba.UInt32
-        Mirrors and clear surfaces on the way.
+        Mirrors and clear surfaces of the chain.
     cut : mitsuba.Bool
-        Whether the chain goes on beyond the hits that are followed.
+        Whether the chain was cut off at the maximum number of hits.
     parts : (mitsuba.Float, mitsuba.Bool) or None
-        Share of P's glossy light, and whether its other light, that this branch shows; None for all.
+        Fraction of P's glossy light, and whether its other light, that this branch shows; None for all.
     """
 
     distance: mi.Float
@@ -76,7 +76,7 @@ class ImagePoint:
     whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
     path: mi.Float
     image: mi.Float = field(default_factory=lambda: mi.Float(0))
-    colour: mi.Color3f = field(default_factory=lambda: mi.Color3f(1))
+    color: mi.Color3f = field(default_factory=lambda: mi.Color3f(1))
     first: mi.Float
     hits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     cut: mi.Bool = field(default_factory=lambda: mi.Bool(False))
@@ -84,7 +84,7 @@ class ImagePoint:
 
 
 class Rays:
-    """Rays of hologram space as rays of the world, and depths back (s1, s2, s6).
+    """Transform of rays from hologram space to the world, and of depths back (s1, s2, s6).
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ class Rays:
     camera : Camera
     mapping : DepthMapping
     plane : float
-        z of the recording plane, metres.
+        z of the recording plane, meters.
     limit : float
-        Image points farther from the plane than this, metres, are taken to be at this distance.
+        Maximum distance of image points from the plane, meters; farther ones are clipped to it.
     slab : Slab
-        First surfaces that are seen.
+        Depths of the first surfaces that the plane records.
     images : Slab
-        What is recorded of what they show.
+        Depths of the images in them that the plane records.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Rays:
         far, near = (z - mapping.z_far for z in (slab.far[0], slab.near[1]))
         start = max(camera.clip_start, mapping.beta / near)
         end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
-        # no literals: one program for all displays, depth ranges and scenes alike
+        # opaque numbers, not literals: one compiled program for all displays, depth ranges and scenes
         opaque = partial(dr.opaque, mi.Float)
         self.plane, self.limit = opaque(plane), opaque(limit)
         self.start, self.pitch = opaque(start), opaque(hologram.pitch)
@@ -123,20 +123,23 @@ class Rays:
         self._reach = opaque(end - start) if math.isfinite(end) else None
         self._ramps = [_ramps(which, plane) for which in (slab, images)]
         self._middle = constant(mi.Point2f, (0.5 * (hologram.width - 1), 0.5 * (hologram.height - 1)))
-        self._centre = constant(mi.Point2f, (mapping.centre_x, mapping.centre_y))
+        self._center = constant(mi.Point2f, (mapping.center_x, mapping.center_y))
         self.position = constant(mi.Point3f, camera.position)
         self.right, self.up, self.forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
 
     def place(self, column: mi.Float, row: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
+        """Hologram coordinates, meters, of (fractional) pixel indices; row 0 is the top."""
         return (column - self._middle.x) * self.pitch, (self._middle.y - row) * self.pitch
 
     def world(
         self, x: mi.Float, y: mi.Float, slope_x: mi.Float | float, slope_y: mi.Float | float
     ) -> tuple[mi.Ray3f, mi.Float]:
-        """The world ray through (x, y) of the recording plane with the given slopes, and depth per distance."""
-        tan_x = (x + slope_x * self._to_far) * self._per_focal + self._centre.x
-        tan_y = (y + slope_y * self._to_far) * self._per_focal + self._centre.y
+        """World ray through (x, y) of the recording plane, meters, and its depth per distance.
+
+        Slopes are those of hologram space, (dx/dz, dy/dz).
+        """
+        tan_x = (x + slope_x * self._to_far) * self._per_focal + self._center.x
+        tan_y = (y + slope_y * self._to_far) * self._per_focal + self._center.y
         direction = self.forward + tan_x * self.right + tan_y * self.up
         origin = self.position + (slope_x * self._spread) * self.right + (slope_y * self._spread) * self.up
         depth_rate = dr.rsqrt(dr.squared_norm(direction))
@@ -146,56 +149,60 @@ class Rays:
         return ray, depth_rate
 
     def height_over_plane(self, distance: mi.Float, depth_rate: mi.Float, hit: mi.Bool) -> mi.Float:
-        """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
+        """Height dz = z_Q - z_p of a hit at `distance` along the ray, meters; that of the far end without a hit."""
         depth = self.start + distance * depth_rate
         return self._to_far + dr.select(hit, self._beta / depth, 0)
 
     def within(self, dz: mi.Float) -> mi.Float:
-        """The distance from the plane up to which its directions tell grains apart."""
+        """Clip a height to the limit, up to which the plane's directions resolve grains."""
         return dr.clip(dz, -self.limit, self.limit)
 
-    def share(self, first: mi.Float, dz: mi.Float) -> mi.Float | None:
-        """Share that this plane has of the amplitude of what lies at dz, behind a surface at `first`, both from the
-        plane, see `Slab`; None for all of it.
-        """
-        shares = [_within(ramps, at) for ramps, at in zip(self._ramps, (first, dz), strict=True) if ramps]
-        return math.prod(shares[1:], start=shares[0]) if shares else None
+    def weight(self, first: mi.Float, dz: mi.Float) -> mi.Float | None:
+        """Fraction of an amplitude that this plane records, see `Slab`; None for all of it.
 
-    def tilt(self, seen: ImagePoint) -> tuple[mi.Float, mi.Float]:
-        """Slopes (dz/dx, dz/dy) in hologram space of the plane that a surface goes on as; 0 of images and the sky.
+        Parameters
+        ----------
+        first, dz : mitsuba.Float
+            Heights over the plane of the first surface and of the image point, meters.
+        """
+        weights = [_within(ramps, at) for ramps, at in zip(self._ramps, (first, dz), strict=True) if ramps]
+        return math.prod(weights[1:], start=weights[0]) if weights else None
+
+    def tilt(self, point: ImagePoint) -> tuple[mi.Float, mi.Float]:
+        """Slopes (dz/dx, dz/dy) in hologram space of a surface's tangent plane; 0 of images and the sky.
 
         Planes n (P - position) = h stay planes: with P - position = D (x right + y up) / F + D forward, 1/D and with it
         z = z_far + beta / D are linear in x and y.
         """
-        direct = seen.hit & (seen.hits == 0)
-        point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.Minimal, direct)
-        per_height = self._spread / dr.dot(point.n, point.p - self.position)
-        slopes = [dr.dot(point.n, axis) * per_height for axis in (self.right, self.up)]
+        direct = point.hit & (point.hits == 0)
+        si = point.surface.compute_surface_interaction(point.ray, mi.RayFlags.Minimal, direct)
+        per_height = self._spread / dr.dot(si.n, si.p - self.position)
+        slopes = [dr.dot(si.n, axis) * per_height for axis in (self.right, self.up)]
         # triangles too small for single precision have no normal
         return tuple(
-            dr.select(direct & dr.isfinite(slope), dr.clip(slope, -STEEPEST, STEEPEST), 0) for slope in slopes
+            dr.select(direct & dr.isfinite(slope), dr.clip(slope, -MAX_TILT, MAX_TILT), 0) for slope in slopes
         )
 
 
 def _ramps(slab, plane):
-    """Begin and steepness of a slab's two ramps, from the plane; None where it has no ends."""
+    """Start of a slab's two ramps over the plane, and their steepness; None if the slab has no ends."""
     if not slab.bounded:
         return None
     ends = (np.clip(ramp, -OUTSIDE, OUTSIDE) for ramp in (slab.far, slab.near))
     return [
-        [dr.opaque(mi.Float, number) for number in (first - plane, 1 / max(last - first, LEAST_RAMP))]
+        [dr.opaque(mi.Float, number) for number in (first - plane, 1 / max(last - first, MIN_RAMP))]
         for first, last in ends
     ]
 
 
 def _within(ramps, dz):
-    """Share of a slab at a distance from its plane."""
+    """Weight of a slab at a height over its plane."""
     (far, far_scale), (near, near_scale) = ramps
     return _smooth((dz - far) * far_scale) * (1 - _smooth((dz - near) * near_scale))
 
 
 def _smooth(x):
-    """From 0 at 0 to 1 at 1."""
+    """Smooth step from 0 at 0 to 1 at 1."""
     x = dr.clip(x, 0, 1)
     return x * x * (3 - 2 * x)
 
@@ -203,5 +210,5 @@ def _smooth(x):
 def intersect(
     scene: mi.Scene, ray: mi.Ray3f, coherent: bool, active: mi.Bool | bool = True
 ) -> mi.PreliminaryIntersection3f:
-    """The first surface along a ray (s3); `coherent` traces neighbouring rays in packets."""
+    """Find the first surface along a ray (s3); `coherent` traces neighboring rays in packets."""
     return scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)

@@ -1,9 +1,9 @@
-"""Which Mitsuba variant computes, and a libLLVM that is new enough for it.
+"""Selection of the Mitsuba variant, and of a libLLVM that is new enough for it.
 
-Dr.Jit brings no LLVM. It loads whatever libLLVM it finds, once, when it is first imported; with LLVM 15 or
-16 the first minimum or maximum then aborts the process. So the library is chosen and its version checked
-here, before Dr.Jit is imported, and handed over in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as the package
-holopath_llvm with the extension and with `make env`, else the system's newest. CUDA needs no LLVM.
+Dr.Jit comes without LLVM. It loads any libLLVM that it finds, once, when it is first imported; with LLVM 15 or 16 the
+first minimum or maximum then aborts the process. So the library is chosen and its version checked here, before Dr.Jit
+is imported, and passed in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as the package holopath_llvm with the
+extension and with `make env`, else the system's newest. CUDA needs no LLVM.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 CUDA = "cuda_ad_rgb"
 LLVM = "llvm_ad_rgb"
-MINIMUM_LLVM = 19
+MIN_LLVM = 19  # major version
 
 _LIBRARY_NAME = re.compile(r"libLLVM(-[\d.]+)?\.(so(\.[\w.-]+)?|dylib)|LLVM-C\.dll")
 _VERSION_IN_NAME = re.compile(r"libLLVM(?:-|\.so\.)(\d+)(?:\.(\d+))?")
@@ -36,72 +36,72 @@ _VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
 _OWN = "holopath_llvm"
 
 _lock = threading.RLock()
-# Variants that know our plugins. Mitsuba outlives this module where Blender installs a new version of HoloPath.
+# Variants with our plugins. Mitsuba outlives this module when Blender installs a new version of HoloPath.
 _extended = set()
 
 
 def activate(prefer: str | None = None) -> str:
-    """Set the Mitsuba variant to compute with; cheap to repeat, callable from any thread.
+    """Set the Mitsuba variant; cheap to repeat, callable from any thread.
 
     Parameters
     ----------
     prefer : {'cuda_ad_rgb', 'llvm_ad_rgb'}, optional
-        Variant to use. Default: the one already set if it is one of these, else what `HOLOPATH_BACKEND` names, else
-        CUDA where there is a device with OptiX, else LLVM.
+        Variant to use. Default: the one already set if it is one of these, else that of `HOLOPATH_BACKEND`, else CUDA
+        if there is a device with OptiX, else LLVM.
 
     Returns
     -------
     str
-        Name of the variant now set.
+        Name of the variant that is set.
 
     Raises
     ------
     InvalidInput
-        If `prefer` is no such variant.
+        If `prefer` is another variant.
     BackendUnavailable
-        Where Mitsuba is not installed, or neither a CUDA device nor a libLLVM of 19 or newer can be used.
+        If Mitsuba is not installed, or neither a CUDA device nor a libLLVM of version 19 or newer can be used.
     """
     with _lock:
         current = _current_variant()
         prefer = prefer or (None if current else os.environ.get("HOLOPATH_BACKEND") or None)
         if prefer not in (None, CUDA, LLVM):
-            raise InvalidInput(f"There is no backend '{prefer}': choose {CUDA} or {LLVM}.")
-        wanted = prefer or current or (CUDA if _cuda_device()[0] else LLVM)
-        if wanted == CUDA and current != CUDA:
+            raise InvalidInput(f"Expected the backend {CUDA} or {LLVM}, got '{prefer}'.")
+        variant = prefer or current or (CUDA if _cuda_device()[0] else LLVM)
+        if variant == CUDA and current != CUDA:
             usable, detail = _cuda_device()
             if not usable:
                 raise BackendUnavailable(f"{CUDA} cannot be used: {detail}; choose {LLVM} instead.")
         for kind in (np.float32, np.float64):
-            # which warns if asked first after Dr.Jit has made the processor flush subnormal numbers
+            # warns if its first call comes after Dr.Jit made the processor flush subnormal numbers
             np.finfo(kind)
         if "drjit" not in sys.modules:
-            _choose_llvm(required=wanted == LLVM)
+            _choose_llvm(required=variant == LLVM)
         mitsuba = _import_mitsuba()
-        if wanted == CUDA and not _initialised("CUDA"):
+        if variant == CUDA and not _initialized("CUDA"):
             if prefer:
                 raise BackendUnavailable(
                     f"Dr.Jit cannot use CUDA with this driver: update it, or choose {LLVM}."
                 )
-            wanted = LLVM
-        if wanted == LLVM:
+            variant = LLVM
+        if variant == LLVM:
             _check_loaded_llvm()
             _limit_threads()
-        if wanted != current:
+        if variant != current:
             try:
-                mitsuba.set_variant(wanted)
+                mitsuba.set_variant(variant)
             except ImportError as error:
-                raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
-        if wanted not in _extended:
+                raise BackendUnavailable(f"Mitsuba cannot start {variant}: {_one_line(error)}.") from error
+        if variant not in _extended:
             _extend()
-            _extended.add(wanted)
-        return wanted
+            _extended.add(variant)
+        return variant
 
 
 def on_card() -> bool:
-    """Whether the variant that is set computes on a graphics card, or the one that `activate` would set."""
+    """Whether the current variant, or else the one that `activate` would set, computes on a graphics card."""
     with _lock:
-        wanted = _current_variant() or os.environ.get("HOLOPATH_BACKEND")
-        return wanted == CUDA or (not wanted and _cuda_device()[0])
+        variant = _current_variant() or os.environ.get("HOLOPATH_BACKEND")
+        return variant == CUDA or (not variant and _cuda_device()[0])
 
 
 def activate_for(scene: mi.Scene) -> str:
@@ -110,8 +110,9 @@ def activate_for(scene: mi.Scene) -> str:
     Raises
     ------
     InvalidInput
-        If that is none to compute holograms with: objects of one variant are unknown to another.
+        If that variant cannot compute holograms; a variant cannot use objects of another one.
     BackendUnavailable
+        See `activate`.
     """
     loaded = scene.variant_name()
     if loaded not in (CUDA, LLVM):
@@ -123,10 +124,9 @@ def activate_for(scene: mi.Scene) -> str:
 
 
 def name_own_llvm() -> None:
-    """Have Dr.Jit take HoloPath's own LLVM, if it is imported later, by whomever.
+    """Set `DRJIT_LIBLLVM_PATH` to HoloPath's own LLVM, unless it is set or Dr.Jit is already imported.
 
-    Dr.Jit loads an LLVM once for all when Mitsuba is imported, which may be one that crashes it. It is named only if
-    nobody has named another. Nothing is loaded for that.
+    Dr.Jit loads an LLVM once, when anybody imports Mitsuba, which may be one that crashes it. Nothing is loaded here.
     """
     if "drjit" in sys.modules or "DRJIT_LIBLLVM_PATH" in os.environ:
         return
@@ -138,9 +138,9 @@ def name_own_llvm() -> None:
 
 
 def take_over() -> None:
-    """Let this thread compute with what another one has made since it began; a variant has to be set.
+    """Let this thread use variables that another thread has made since this one started; a variant must be set.
 
-    Dr.Jit numbers the scopes of its threads, and refuses a variable of a later scope than the thread's own.
+    Dr.Jit numbers the scopes of its threads, and rejects variables of later scopes than the thread's own.
     """
     import drjit
 
@@ -149,9 +149,9 @@ def take_over() -> None:
 
 
 def bitmaps() -> Any:
-    """Mitsuba, to read and write pictures with: no variant is set for that.
+    """Import Mitsuba to read and write images, without a variant.
 
-    Dr.Jit comes with it and loads an LLVM once for all, so that the right one is named before.
+    This imports Dr.Jit, which loads an LLVM once: the right one is chosen before.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def bitmaps() -> Any:
     Raises
     ------
     BackendUnavailable
-        Where Mitsuba is not installed.
+        If Mitsuba is not installed.
     """
     with _lock:
         if "drjit" not in sys.modules:
@@ -169,9 +169,9 @@ def bitmaps() -> Any:
 
 
 def threads() -> int:
-    """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor that it may use.
+    """Number of threads to compute with: `HOLOPATH_THREADS`, or the number of processors that this process may use.
 
-    Batch systems such as SLURM give a process some processors of the machine.
+    Batch systems such as SLURM restrict a process to some processors of the machine.
 
     Returns
     -------
@@ -180,21 +180,23 @@ def threads() -> int:
     Raises
     ------
     InvalidInput
-        If `HOLOPATH_THREADS` is no whole number from 1 on.
+        If `HOLOPATH_THREADS` is not a whole number of at least 1.
     """
     text = os.environ.get("HOLOPATH_THREADS", "")
     if not text:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not (text.isdecimal() and int(text) > 0):
-        raise InvalidInput(f"HOLOPATH_THREADS is '{text}': set it to a whole number from 1 on, or unset it.")
+        raise InvalidInput(
+            f"HOLOPATH_THREADS must be a whole number of at least 1, got '{text}'. Change or unset it."
+        )
     return int(text)
 
 
 def made(parts: dict) -> Any:
-    """A Mitsuba object, of what `mitsuba.load_dict` takes.
+    """Make a Mitsuba object from a dictionary of `mitsuba.load_dict`; scenes by `meshes.building.scene_of`.
 
-    In one thread, for objects to be numbered in the same order by each process: the numbers are in the programs that
-    Dr.Jit compiles and keeps on disk. Scenes: `meshes.building.scene_of`.
+    One thread makes them, so that each process numbers objects in the same order: the numbers are part of the programs
+    that Dr.Jit compiles and caches on disk.
     """
     import mitsuba as mi
 
@@ -205,17 +207,16 @@ def made(parts: dict) -> Any:
             return building.scene_of(parts)
         return mi.load_dict(parts, parallel=False)
     except RuntimeError as error:
-        if KeyboardInterrupt.__name__ in str(
-            error
-        ):  # in the constructor of a class of ours, told as a text alone
+        # an interrupt in the constructor of a plugin of ours arrives as text
+        if KeyboardInterrupt.__name__ in str(error):
             raise KeyboardInterrupt from error
         raise
 
 
 def stop_profiling() -> None:
-    """Have Dr.Jit's threads no longer time their work, as they do ever after its history of programs was asked for.
+    """Stop the timing of work in Dr.Jit's threads, which its history of kernels starts for good.
 
-    While they do, they keep cores busy for longer afterwards: what NumPy did next took 1.5 times as long.
+    Timing keeps the threads' cores busy for longer: NumPy's work right after it took 1.5 times as long.
     """
     import drjit
 
@@ -227,7 +228,7 @@ def stop_profiling() -> None:
 
 
 def units_at_once() -> int:
-    """Units of work that a launch has at most: about 4 s of two slow cores, or half a second of a fast card.
+    """Maximum units of work of a launch: about 4 s of two slow cores, or half a second of a fast card.
 
     Returns
     -------
@@ -237,7 +238,7 @@ def units_at_once() -> int:
 
 
 def units_at_first() -> int:
-    """Units of work of the first launch of rays, whose speed is unknown: a tenth of a second of a card, of most scenes.
+    """Units of work of the first launch of rays, whose speed is unknown: a tenth of a second of a card for most scenes.
 
     Returns
     -------
@@ -247,7 +248,7 @@ def units_at_first() -> int:
 
 
 def chunks_at_once() -> int:
-    """Chunks of sums (`Plan.chunk`) that a launch adds up at most: half a gigabyte of a card, of 128 MB each.
+    """Maximum chunks of sums (`Plan.chunk`) of a launch: half a gigabyte of a card, in chunks of 128 MB.
 
     Returns
     -------
@@ -257,13 +258,13 @@ def chunks_at_once() -> int:
 
 
 def describe() -> list[dict]:
-    """List the backends of this machine; raises nothing and activates nothing.
+    """List the backends of this machine, without activating any.
 
     Returns
     -------
     list of dict
-        For each variant its `name`, whether it is `available`, and in `detail` the device or library that
-        it uses, or what is missing.
+        For each variant its `name`, whether it is `available`, and in `detail` the device or library that it uses, or
+        the reason why it is not available.
     """
     with _lock:
         usable, detail = _cuda_device()
@@ -278,18 +279,18 @@ def describe() -> list[dict]:
 
 
 def find_llvm() -> tuple[str, tuple[int, ...]]:
-    """Find a usable libLLVM: HoloPath's own, else the newest; `DRJIT_LIBLLVM_PATH`, where set, is the only candidate.
+    """Find a usable libLLVM: HoloPath's own, else the newest; if `DRJIT_LIBLLVM_PATH` is set, it is the only candidate.
 
     Returns
     -------
     path : str
     version : tuple of int
-        (major, minor, patch), as the library itself reports it.
+        (major, minor, patch) that the library reports.
 
     Raises
     ------
     BackendUnavailable
-        Where none of version 19 or newer can be loaded.
+        If none of version 19 or newer can be loaded.
     """
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen and Path(chosen).parent not in _own_folders():  # not by `name_own_llvm`
@@ -306,22 +307,22 @@ def find_llvm() -> tuple[str, tuple[int, ...]]:
         if version is not None:
             return str(path), version
         problems.append(f"{path} {problem}")
-    found = f" ({problems[0]})" if problems else ""
+    example = f" ({problems[0]})" if problems else ""
     raise BackendUnavailable(
-        f"Mitsuba computes on the CPU with LLVM, and none that is new enough was found{found}: "
+        f"Mitsuba computes on the CPU with LLVM, and none that is new enough was found{example}: "
         f"{_how_to_install()}, or set DRJIT_LIBLLVM_PATH to its path."
     )
 
 
 def _current_variant():
-    """Name of the variant already set in this process if it is one of ours, else None."""
+    """Name of the variant that is set, or None if it is not one of ours."""
     mitsuba = sys.modules.get("mitsuba")
     variant = mitsuba.variant() if mitsuba is not None and hasattr(mitsuba, "variant") else None
     return variant if variant in (CUDA, LLVM) else None
 
 
 def _choose_llvm(required):
-    """Tell Dr.Jit, which is about to be imported, which LLVM to load; without CUDA there must be one."""
+    """Set the path of the LLVM for Dr.Jit, before its import; `required` raises if there is none."""
     try:
         os.environ["DRJIT_LIBLLVM_PATH"] = find_llvm()[0]
     except BackendUnavailable:
@@ -340,18 +341,18 @@ def _import_mitsuba():
     return mitsuba
 
 
-def _initialised(backend):
+def _initialized(backend):
     import drjit
 
     return bool(drjit.has_backend(getattr(drjit.JitBackend, backend)))
 
 
 def _check_loaded_llvm():
-    """Raise unless the LLVM that Dr.Jit has loaded by now is new enough to evaluate anything."""
+    """Check that the LLVM that Dr.Jit has loaded is new enough; raise `BackendUnavailable` if it is not."""
     import drjit
 
-    loaded = drjit.detail.llvm_version() if _initialised("LLVM") else None
-    if loaded is None or loaded[0] < MINIMUM_LLVM:
+    loaded = drjit.detail.llvm_version() if _initialized("LLVM") else None
+    if loaded is None or loaded[0] < MIN_LLVM:
         took = f"took LLVM {_dotted(loaded)}, which crashes it" if loaded else "found no LLVM that it can use"
         try:
             path, _ = find_llvm()
@@ -366,9 +367,9 @@ def _check_loaded_llvm():
 
 
 def _limit_threads():
-    """Have Dr.Jit compute with no more threads than `threads`; by itself it takes one for each processor.
+    """Limit Dr.Jit to `threads` threads, instead of one for each processor, but to no fewer than two.
 
-    But for one beside the caller's: OpenEXR files are written and read by that, and would be waited for in vain.
+    One beside the caller's is needed to read and write OpenEXR files, which would never finish without it.
     """
     import drjit
 
@@ -378,14 +379,14 @@ def _limit_threads():
 
 
 def _extend():
-    """Import the modules that register plugins, whose classes derive from those of the variant now set."""
+    """Import the modules that register plugins, whose classes derive from those of the current variant."""
     for name in ("closures", "dispersion", "images", "lamps", "mixture", "captured.view_texture"):
-        sys.modules.pop(f"{__package__}.{name}", None)  # it may be another variant's
+        sys.modules.pop(f"{__package__}.{name}", None)  # may belong to another variant
         importlib.import_module(f".{name}", __package__)
 
 
 def _cuda_device():
-    """Whether CUDA and OptiX can be used, and the first device's name or what is missing."""
+    """Whether CUDA and OptiX can be used, and the first device's name or the reason why not."""
     if sys.platform == "darwin":
         return False, "CUDA does not exist on macOS"
     try:
@@ -406,19 +407,19 @@ def _cuda_device():
 
 
 def _candidates():
-    """Library files that may be a libLLVM: HoloPath's own first, then the system's, newest first."""
-    found = {}
+    """Files that may be a libLLVM: HoloPath's own first, then the system's, newest first."""
+    files = {}
     for rank, folders in enumerate((_own_folders(), _system_folders())):
         for folder in folders:
             for path in _files_in(folder):
                 if _LIBRARY_NAME.fullmatch(path.name) and path.exists():
-                    found.setdefault(path.resolve(), (rank, path))
-    order = sorted(found.items(), key=lambda item: (item[1][0], [-n for n in _named_version(item[0])]))
+                    files.setdefault(path.resolve(), (rank, path))
+    order = sorted(files.items(), key=lambda item: (item[1][0], [-n for n in _named_version(item[0])]))
     return [path for path, _ in order]
 
 
 def _own_folders():
-    """Where the LLVM lies that HoloPath brings: a package without code, beside Mitsuba's."""
+    """Folders of HoloPath's own LLVM: a package without code, installed beside Mitsuba."""
     package = importlib.util.find_spec(_OWN)
     return [Path(folder) for folder in package.submodule_search_locations or ()] if package else []
 
@@ -447,7 +448,7 @@ def _files_in(folder):
 
 
 def _named_version(path):
-    """(major, minor) as far as the file's or its folder's name tells, (0, 0) where it does not."""
+    """(major, minor) in the name of the file or its folder, or (0, 0)."""
     in_name = _VERSION_IN_NAME.match(path.name)
     if in_name:
         return int(in_name[1]), int(in_name[2] or 0)
@@ -458,10 +459,10 @@ def _named_version(path):
 def _probe(path):
     """Return (version, None) of a usable library, or (None, problem), the problem as the rest of a sentence.
 
-    A library whose name tells that it is too old is not loaded: every LLVM loaded stays in the process.
+    A library with the name of an old version is not loaded: every LLVM loaded stays in the process.
     """
     major = _named_version(path.resolve() if path.exists() else path)[0]
-    if 0 < major < MINIMUM_LLVM:
+    if 0 < major < MIN_LLVM:
         return None, f"is LLVM {major}"
     try:
         library = ctypes.CDLL(str(path))
@@ -474,7 +475,7 @@ def _probe(path):
     numbers = [ctypes.c_uint(0) for _ in range(3)]
     get_version(*map(ctypes.byref, numbers))
     version = tuple(n.value for n in numbers)
-    if version[0] < MINIMUM_LLVM:
+    if version[0] < MIN_LLVM:
         return None, f"is LLVM {_dotted(version)}"
     return version, None
 
@@ -486,7 +487,7 @@ def _how_to_install():
         how = "`brew install llvm`"
     else:
         how = "Debian, Ubuntu: `apt install libllvm19`; Fedora: `dnf install llvm-libs`"
-    return f"install LLVM {MINIMUM_LLVM} or newer ({how})"
+    return f"install LLVM {MIN_LLVM} or newer ({how})"
 
 
 def _dotted(version):

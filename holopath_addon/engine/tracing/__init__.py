@@ -1,1 +1,1 @@
-"""From grains of light to the wave on a recording plane."""
+"""Grains of light, and their waves on recording planes."""

@@ -1,4 +1,4 @@
-"""Grains that rays see, and their radiance: path-traced once, shared by all pixels that see them (stage s5)."""
+"""Grains of light in view and their radiance, path-traced once for all pixels that see them (stage s5)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..scene.buffers import gather_row
 from ..scene.lobes import DIFFUSE, SHARP, SMOOTH
 from ..scene.random_numbers import Sampler
 from ..scene.rays import PACKET
-from .grain_grid import GrainGrid
+from .grain_grid import GrainGrid, RowIndex
 from .regions import Sightings
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from ..scene.rays import ImagePoint, Rays
     from ..scene.specular_chains import FirstHits, SpecularChains
 
-CHUNK_PATHS = 1 << 20  # that draw random numbers together
-UNIT_PATHS = 1 << 17  # of a unit of work: an eighth of a second of two cores, several times that of busy ones
-TILT = 2  # slopes before the radiances in a row of means
-# added to reflectances: of black surfaces, and for light that no diffuse lobe scatters
+CHUNK_PATHS = 1 << 20  # paths that share a sequence of random numbers
+UNIT_PATHS = 1 << 17  # paths of a unit of work: 0.12 s of two idle cores, several times that of busy ones
+TILT = 2  # numbers of slopes that precede the radiances in a row of means
+# Reflectances that are added for black surfaces, and for light that no diffuse lobe scatters.
 BLACK, SPECULAR = 1e-3, 0.04
 
 
@@ -33,24 +33,34 @@ BLACK, SPECULAR = 1e-3, 0.04
 class RadianceMap:
     """Mean radiances of the grains in view.
 
-    Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
-    none, and 1 more where it has all pupil bins. A row of `radiances` holds the surface's mean `Rays.tilt`, and the
-    radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel, and `textures` rays
-    that see textures alone, left the relative standard error `error` of the wave field, see `_field_error`; `sightings`
-    are what their rays saw from the tiles of each recording plane.
+    Attributes
+    ----------
+    grid : GrainGrid
+    index : RowIndex
+        Rows of its cells.
+    radiances : mitsuba.Float
+        Rows of means: the surface's `Rays.tilt`, and the radiance of each color.
+    colors : int
+        Radiances of a row; 1 where all wavelengths share one.
+    passes, textures : int
+        Paths of a pixel, and rays of it that see textures alone.
+    error : float
+        Relative standard error of the wave field, see `row_sums.field_error`.
+    sightings : tuple of Sightings
+        Surfaces that the paths met as seen from the tiles of each recording plane.
     """
 
     grid: GrainGrid
-    numbers: mi.UInt32
+    index: RowIndex
     radiances: mi.Float
-    colours: int
+    colors: int
     passes: int
     textures: int
     error: float
     sightings: tuple[Sightings, ...]
 
     def sampler(self, seed: int, size: int) -> None:
-        """No random numbers are needed."""
+        """Return None: no random numbers are needed."""
         return None
 
     def amplitudes(
@@ -58,28 +68,44 @@ class RadianceMap:
         scene: mi.Scene,
         rays: Rays,
         sampler: None,
-        seen: ImagePoint,
+        point: ImagePoint,
         grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
     ) -> tuple[list, tuple[mi.Float, mi.Float]]:
-        """Roots of each wavelength's radiance of the grain at a pixel column, row and depth, seen along a slope, and
-        the mean `Rays.tilt` of the surface there.
+        """Look up amplitudes, the roots of radiances, and mean slopes of a grain's surface.
 
         Between pupil bins radiance is interpolated, so that a highlight moves as the view does.
+
+        Parameters
+        ----------
+        scene, rays, sampler
+            Not used: parameters of `PathsPerRay.amplitudes`.
+        point : ImagePoint
+        grain : tuple of mitsuba.Int, mitsuba.Int, mitsuba.Float
+            Pixel column and row, and z in meters.
+        slope : tuple of mitsuba.Float
+            Slopes of the ray, (dx/dz, dy/dz).
+        channels : sequence of int
+            Color channel of each wavelength.
+
+        Returns
+        -------
+        amplitudes : list of mitsuba.Float
+        tilt : tuple of mitsuba.Float
+            Mean `Rays.tilt`.
         """
-        cell, inside = self.grid.cell(*grain, seen.branch)
-        number = dr.gather(mi.UInt32, self.numbers, cell, inside)
-        first, values = number >> 1, TILT + self.colours
+        cell, inside = self.grid.cell(*grain, point.branch)
+        first, binned = self.index.at(cell, inside)
+        values = TILT + self.colors
         if self.grid.bins == 1:
             return self._roots(gather_row(self.radiances, first, values), channels)
-        binned = (number & 1) == 1
         over, up = (self.grid.bin_place(s) for s in slope)
         i, j = mi.UInt32(over), mi.UInt32(up)
         i, j = dr.minimum(i, self.grid.bins - 2), dr.minimum(j, self.grid.bins - 2)
         over, up = over - i, up - j
         total = [mi.Float(0)] * values
-        for i_step, j_step, share in (
+        for i_step, j_step, weight in (
             (0, 0, (1 - over) * (1 - up)),
             (1, 0, over * (1 - up)),
             (0, 1, (1 - over) * up),
@@ -87,46 +113,87 @@ class RadianceMap:
         ):
             at = first + dr.select(binned, (j + j_step) * self.grid.bins + i + i_step, 0)
             row = gather_row(self.radiances, at, values)
-            total = [sum_ + share * value for sum_, value in zip(total, row, strict=True)]
+            total = [sum_ + weight * value for sum_, value in zip(total, row, strict=True)]
         return self._roots(total, channels)
 
     def _roots(self, row, channels):
         roots = [dr.sqrt(value) for value in row[TILT:]]
-        return roots if self.colours > 1 else roots * len(channels), tuple(row[:TILT])
+        return roots if self.colors > 1 else roots * len(channels), tuple(row[:TILT])
 
 
-def shown(scene: mi.Scene, seen: ImagePoint, active: mi.Bool) -> tuple[mi.Color3f, mi.Bool]:
-    """What light is divided by where grains share it, and whether the surface, or the sky, shines itself.
+def reflectance_of(scene: mi.Scene, point: ImagePoint, active: mi.Bool) -> tuple[mi.Color3f, mi.Bool]:
+    """Reflectance that a grain's light is divided by where grains share it, and whether light is emitted there.
 
-    It is the reflectance, roughly; any value is right, as light is multiplied by it again.
+    A rough value is enough, as light is multiplied by it again.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    point : ImagePoint
+    active : mitsuba.Bool
+
+    Returns
+    -------
+    reflectance : mitsuba.Color3f
+        1 where there is no diffuse lobe.
+    emits : mitsuba.Bool
+        Whether the surface, or the sky, is an emitter.
     """
-    point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, active)
-    shines = point.emitter(scene, active) != None  # noqa: E711 (of each lane)
-    active = active & seen.surface.is_valid()
-    bsdf = point.bsdf(seen.ray)
-    value = dr.clip(bsdf.eval_diffuse_reflectance(point, active), 0, 1)
+    interaction = point.surface.compute_surface_interaction(point.ray, mi.RayFlags.All, active)
+    emits = interaction.emitter(scene, active) != None  # noqa: E711 (of each lane)
+    active = active & point.surface.is_valid()
+    bsdf = interaction.bsdf(point.ray)
+    value = dr.clip(bsdf.eval_diffuse_reflectance(interaction, active), 0, 1)
     value += dr.select((bsdf.flags() & (SMOOTH & ~DIFFUSE)) != 0, mi.Float(SPECULAR), BLACK)
-    # what has no diffuse lobe tells how much it scatters straight up, which bumps and the view change
-    matt = active & ((bsdf.flags() & DIFFUSE) != 0) & dr.all(dr.isfinite(value))
-    return dr.select(matt, value, 1), shines
+    # without a diffuse lobe Mitsuba returns what is scattered along the normal, which bumps and the view change
+    diffuse = active & ((bsdf.flags() & DIFFUSE) != 0) & dr.all(dr.isfinite(value))
+    return dr.select(diffuse, value, 1), emits
 
 
 def row_of(
-    grains: Grains, grid: GrainGrid, numbers: mi.UInt32, occupied: mi.UInt32
+    grains: Grains, grid: GrainGrid, index: RowIndex, occupied: mi.UInt32
 ) -> tuple[mi.UInt32, mi.Bool]:
-    """Row of each grain of the radiance map, and whether it has one."""
-    # cells that the first round did not meet may have borrowed a neighbour's row
+    """Row of each grain in the radiance map, and whether it has one.
+
+    Parameters
+    ----------
+    grains : Grains
+    grid : GrainGrid
+    index : RowIndex
+    occupied : mitsuba.UInt32
+        Parameter of `RowIndex.of`: cells without a surface of their own are left out, as they borrow rows.
+    """
     inside = grains.inside & (dr.gather(mi.UInt32, occupied, grains.cell, grains.inside) != 0)
-    number = dr.gather(mi.UInt32, numbers, grains.cell, inside)
+    first, binned = index.at(grains.cell, inside)
     over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (grains.slope.x, grains.slope.y))
-    return (number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0), inside
+    return first + dr.select(binned, up * grid.bins + over, 0), inside
 
 
 @dataclass
 class Grains:
-    """Grains that rays saw (Dr.Jit types): the sampler after them, the first surface's distance from the plane, number
-    of the path and of the pixel's place on the plane, slope, the `ImagePoint`, distance from the plane, cell, whether
-    it is on the grid and shows anything, and whether its surface looks different across the pupil.
+    """Grains that some rays met, in Dr.Jit types.
+
+    Attributes
+    ----------
+    sampler : Sampler
+        Random numbers for the paths from there.
+    first : mitsuba.Float
+        Height of the ray's first surface over the plane, meters.
+    number : mitsuba.UInt32
+        Number of the ray among those of its pixel.
+    column, row : mitsuba.Float
+        Start of the ray on the plane, pixels.
+    slope : mitsuba.Point2f
+        Slopes of the ray.
+    point : ImagePoint
+    dz : mitsuba.Float
+        Height of the image point over the plane, meters.
+    cell : mitsuba.UInt32
+        Cell of the grid.
+    inside : mitsuba.Bool
+        Whether the grain lies on the grid and holds a surface or the sky.
+    binned : mitsuba.Bool
+        Whether its surface looks different across the pupil.
     """
 
     sampler: Sampler
@@ -135,7 +202,7 @@ class Grains:
     column: mi.Float
     row: mi.Float
     slope: mi.Point2f
-    seen: ImagePoint
+    point: ImagePoint
     dz: mi.Float
     cell: mi.UInt32
     inside: mi.Bool
@@ -143,12 +210,12 @@ class Grains:
 
 
 def unit_count(grid: GrainGrid, passes: int) -> int:
-    """Units of work that the pixels of a grid are asked in, so many rays each."""
+    """Number of units of work for `passes` rays through each pixel of a grid."""
     return math.ceil(grid.columns * grid.rows / _pixels(UNIT_PATHS, passes))
 
 
 def _pixels(paths, passes):
-    """Pixels of so many paths, of whole packets: rays meet the same surfaces whatever units go together."""
+    """Pixels for some paths, in whole packets, so that rays meet the same surfaces whatever units go together."""
     return max(1, paths // (passes * PACKET)) * PACKET
 
 
@@ -162,24 +229,24 @@ def grains_of(
     seed: int,
     before: int,
 ) -> Grains:
-    """The `Grains` of the pixels of some units, all passes; the same at every call, whatever units go together.
+    """Trace the rays of some units to their grains; the same ones at every call, whatever units go together.
 
     Parameters
     ----------
-    scene, rays, optics, grid :
-        As of `measurement.Measurement`.
+    scene, rays, optics, grid
+        Parameters of `measurement.Measurement`.
     units : range
-        Below `unit_count`.
+        Numbers below `unit_count`.
     passes : int
         Rays of a pixel.
     seed : int
     before : int
-        Number of the first of them.
+        Number of the first of these rays: rays that the pixel had before.
     """
     size = _pixels(UNIT_PATHS, passes)
     first = units.start * size
     count = min(len(units) * size, grid.columns * grid.rows - first)
-    # the passes of a pixel side by side: their rays stay near each other, which fine meshes repay
+    # the passes of a pixel side by side: rays that stay near each other are faster in fine meshes
     index, each = dr.arange(mi.UInt32, count * passes), dr.opaque(mi.UInt32, passes)
     number = index % each + dr.opaque(mi.UInt32, before)
     pixel = index // each + dr.opaque(mi.UInt32, first)
@@ -190,45 +257,21 @@ def grains_of(
     columns, margin = dr.opaque(mi.UInt32, grid.columns), dr.opaque(mi.Float, grid.margin)
     column = mi.Float(pixel % columns) - margin + jitter.x - 0.5
     row = mi.Float(pixel // columns) - margin + jitter.y - 0.5
-    # the R2 sequence spreads a pixel's passes over the pupil, from a start of its own
+    # the R2 sequence spreads a pixel's passes over the pupil, from a random start
     key = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
     turn = mi.Point2f(*(mi.Float(word) * 2.0**-32 for word in mi.sample_tea_32(pixel, key)))
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
     branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
-    seen = optics.view(scene, ray, branch, drawn=True)
-    first = rays.height_over_plane(seen.first, depth_rate, dr.isfinite(seen.first))
-    dz = rays.within(rays.height_over_plane(seen.distance, depth_rate, seen.hit))
+    point = optics.view(scene, ray, branch, drawn=True)
+    first = rays.height_over_plane(point.first, depth_rate, dr.isfinite(point.first))
+    dz = rays.within(rays.height_over_plane(point.distance, depth_rate, point.hit))
     over = mi.Int(dr.round(column + slope.x * dz / rays.pitch))
     down = mi.Int(dr.round(row - slope.y * dz / rays.pitch))
-    cell, inside = grid.cell(over, down, rays.plane + dz, seen.branch)
+    cell, inside = grid.cell(over, down, rays.plane + dz, point.branch)
     binned = mi.Bool(False)
     if grid.bins > 1:
-        flags = seen.surface.shape.bsdf().flags()
-        binned = mi.has_flag(flags, mi.BSDFFlags.Glossy) | (seen.whole & ((flags & SHARP) != 0))
-    return Grains(sampler, first, number, column, row, slope, seen, dz, cell, inside & seen.exists, binned)
-
-
-def numbered(occupied: mi.UInt32, grid: GrainGrid) -> tuple[mi.UInt32, int]:
-    """First rows (doubled, one more with pupil bins) of the occupied cells, and rows in all; the others borrow
-    a neighbour's, or have 0.
-    """
-    ends = dr.cumsum(occupied)
-    rows = int(ends[dr.width(ends) - 1]) + 1
-    numbers = 2 * (ends - occupied + 1) + dr.select(occupied > 1, mi.UInt32(1), 0)
-    numbers = dr.select(occupied != 0, numbers, 0)
-    dr.eval(numbers)
-    cell = dr.arange(mi.Int, dr.width(numbers))
-    columns, rows_, slabs = (dr.opaque(mi.Int, size) for size in (grid.columns, grid.rows, grid.slabs))
-    column, row, slab = cell % columns, cell // columns % rows_, cell // (columns * rows_) % slabs
-    filled = mi.UInt32(numbers)
-    axes = (slab, slabs, columns * rows_), (column, columns, 1), (row, rows_, columns)
-    for position, size, step in axes:
-        for side in (-1, 1):
-            there = (position + side >= 0) & (position + side < size) & (filled == 0)
-            filled = dr.select(
-                there, dr.gather(mi.UInt32, numbers, mi.UInt32(cell + side * step), there), filled
-            )
-    dr.eval(filled)
-    return filled, rows
+        flags = point.surface.shape.bsdf().flags()
+        binned = mi.has_flag(flags, mi.BSDFFlags.Glossy) | (point.whole & ((flags & SHARP) != 0))
+    return Grains(sampler, first, number, column, row, slope, point, dz, cell, inside & point.exists, binned)

@@ -1,4 +1,4 @@
-"""The lattice of directions and its kernel table W: how one ray's grain adds to a pixel of the recording plane."""
+"""The lattice of directions and its kernel table W: weights of a ray's grain for a pixel of the recording plane."""
 
 from __future__ import annotations
 
@@ -13,57 +13,58 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
-STEEPEST = 1.5  # recordable slopes that directions have at most for that, beside the plane
-# Directions along a radius that a lattice has at least: so many a pixel of the cone, within bounds. With few, most
-# grains are met by the cone's rim, where what a direction counts is right at the table's depths only.
-FINER, LEAST_DIRECTIONS = 8.0, (2.0, 4.2)
-LEVELS = (256, 768)  # fewest and most depths of a table
-# depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
+TAILS = (
+    1.6  # minimum reach beyond the geometric cone, pixels: diffraction, which a factor cuts off narrow cones
+)
+STEEPEST = 1.5  # maximum slope of directions for these tails, over the recordable slope
+# Minimum directions along a radius: per pixel of the cone, and the bounds of their number. With few, most grains lie at
+# the cone's rim, where weights of directions are right only at the table's depths.
+DIRECTIONS_PER_PIXEL, MIN_DIRECTIONS = 8.0, (2.0, 4.2)
+LEVELS = (256, 768)  # minimum and maximum depths of a table
+# Depth levels in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad.
 LEVELS_A_GRAIN = 16
-FIT_STEPS = 4  # more gain little
+FIT_STEPS = 4  # iterations of the fit; more gain little
 SMOOTH_STEPS = 8  # the same for surfaces in phase
-# What light in phase is of: half of it goes straight on, from even parts of surfaces; the rest as textures spread it,
-# with a power that falls by the square of frequencies from this one on, cycles a pixel. And what all else counts at
-# least, as a share of all.
-STRAIGHT, TEXTURE, LEAST_WEIGHT = 0.5, 0.04, 0.05
-TINY = 1e-30  # stands for nothing where something is divided by it
-WIDENED = 2  # grains by which levels that are computed together differ in reach at most
-TOGETHER = 64  # and how many these are at most,
-MOST_BINS = 1 << 20  # and how many bins of their spectra
-SMALL = 40  # pixels up to which a convolution with a kernel as large is less work than two transforms
+# Light in phase: the fraction that goes straight on, from even parts of surfaces; the frequency, cycles a pixel, from
+# which the power that textures spread falls by the square; and the minimum weight of all other light.
+STRAIGHT, TEXTURE, MIN_WEIGHT = 0.5, 0.04, 0.05
+TINY = 1e-30  # avoids divisions by zero
+WIDENED = 2  # maximum difference in reach of levels that are computed together, grains,
+TOGETHER = 64  # their maximum number,
+MAX_BINS = 1 << 20  # and the maximum number of bins of their spectra
+SMALL = 40  # maximum pixels for which a convolution takes less work than two transforms
 
 
 def reach_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
-    """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
+    """Radius, in pixels, to which a grain's kernel is cut at `depth_limit`; for the parameters see `Lattice.of`.
 
-    With `TAILS` the error of what is kept has 1 to 1.5 % of the kernel's energy, with the factor alone up to 10 % where
-    the cone is 2 to 5 pixels wide.
+    With `TAILS` the cut costs 1 to 1.5 % of the kernel's energy, with the factor alone up to 10 % where the cone is 2
+    to 5 pixels wide.
     """
     wide = max_slope * depth_limit / pitch
     return np.maximum(cone * wide, np.minimum(wide + TAILS, STEEPEST * wide))
 
 
 def directions_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
-    """Directions along a radius of the lattice; parameters as of `Lattice.of`."""
-    least = np.clip(FINER * max_slope * depth_limit / pitch, *LEAST_DIRECTIONS)
-    return np.maximum(reach_of(max_slope, depth_limit, pitch, cone), least)
+    """Directions along a radius of the lattice; for the parameters see `Lattice.of`."""
+    minimum = np.clip(DIRECTIONS_PER_PIXEL * max_slope * depth_limit / pitch, *MIN_DIRECTIONS)
+    return np.maximum(reach_of(max_slope, depth_limit, pitch, cone), minimum)
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Directions (i, j) spacing, i, j integer, within a cone.
+    """Lattice of directions (i, j) spacing, i and j integer, within a cone.
 
     Attributes
     ----------
     indices : numpy.ndarray, int32, shape (rays, 2)
         i (towards +x) and j (towards +y) of each direction, from the axis outwards.
     spacing : float
-        Slope between neighbours; pitch / depth_limit for one ray a grain at the farthest depth.
+        Slope between neighbors; pitch / depth_limit for one ray a grain at the farthest depth.
     depth_limit : float
-        Largest distance |dz| from the recording plane that the table serves, metres.
+        Maximum distance |dz| from the recording plane, meters.
     levels : int
-        Depths up to there that the table holds.
+        Depths of the table, up to the limit.
     """
 
     indices: np.ndarray
@@ -78,23 +79,23 @@ class Lattice:
         depth_limit: float,
         pitch: float,
         cone: float = 1.15,
-        most: int | None = None,
+        max_rays: int | None = None,
         levels: int = LEVELS[0],
     ) -> Lattice:
-        """One direction a grain at `depth_limit`, or more where these are few, as far as `reach_of` says.
+        """Make a lattice with one direction a grain at `depth_limit`, or more where these are few, up to `reach_of`.
 
         Parameters
         ----------
         max_slope : float
             Slope of the widest recordable cone, `Hologram.max_slope`.
         depth_limit, pitch : float
-            Metres.
+            Meters.
         cone : float
-            The kernel's tails beyond the geometric cone, as a factor at least.
-        most : int, optional
-            Most directions; the lattice is coarsened to meet it, which aliases the far depths.
+            Minimum reach of the kernel over that of the geometric cone.
+        max_rays : int, optional
+            Maximum directions; a coarser lattice meets it, which aliases the far depths.
         levels : int
-            Of the table at least.
+            Minimum depths of the table.
         """
         wide = reach_of(max_slope, depth_limit, pitch, cone)
         whole = reach = directions_of(max_slope, depth_limit, pitch, cone)
@@ -103,9 +104,9 @@ class Lattice:
             n = math.floor(reach)
             j, i = np.mgrid[-n : n + 1, -n : n + 1]
             inside = i * i + j * j <= reach * reach
-            if most is None or inside.sum() <= most or reach <= 0:
+            if max_rays is None or inside.sum() <= max_rays or reach <= 0:
                 break
-            reach *= min(0.999, math.sqrt(most / inside.sum()))
+            reach *= min(0.999, math.sqrt(max_rays / inside.sum()))
         i, j = i[inside], j[inside]
         order = np.lexsort((i, j, i * i + j * j))
         spacing = wide * pitch / depth_limit / whole if whole > 0 else max_slope
@@ -113,7 +114,7 @@ class Lattice:
 
     @property
     def rays(self) -> int:
-        """Directions, hence rays a pixel."""
+        """Number of directions, hence rays a pixel."""
         return len(self.indices)
 
     def offsets(self, pitch: float) -> np.ndarray:
@@ -138,11 +139,11 @@ class Lattice:
         np.maximum.at(ends, rows, self.indices[:, 0])
         return ends
 
-    def shares(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the directions meet, and what share of their grain each is, of planes parallel to the recording plane.
+    def weights(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Grains of the directions, and weights of the directions in them, on planes parallel to the recording plane.
 
-        A share is 1 over the directions of the same row that meet in the grain, times 1 over those of the same column,
-        as `LatticeEstimator.kernel` has it on planes of any slope.
+        A weight is 1 over the directions of the same row that meet in the grain, times 1 over those of the same column.
+        `LatticeEstimator.kernel` has the same on planes of any slope.
 
         Parameters
         ----------
@@ -153,49 +154,49 @@ class Lattice:
         -------
         cell : numpy.ndarray, int32, shape (2, levels, rays)
             |oy| and |ox|.
-        share : numpy.ndarray, float32, shape (levels, rays)
+        weight : numpy.ndarray, float32, shape (levels, rays)
         """
         i, j = np.abs(self.indices).T
         ends = self.ends
-        # of the directions in the same grain
+        # first and last direction in the same grain
         first = np.array([np.searchsorted(row, row) for row in offsets])
         last = np.array([np.searchsorted(row, row, "right") for row in offsets]) - 1
 
-        def together(index, end):
+        def count(index, end):
             low, high = first[:, index], np.minimum(last[:, index], end)
             return np.where(low == 0, 2 * high + 1, high - low + 1)  # the middle grain has both signs
 
-        share = 1.0 / (together(i, ends[j]) * together(j, ends[i]))
-        return np.stack([offsets[:, j], offsets[:, i]]), share.astype(np.float32)
+        weight = 1.0 / (count(i, ends[j]) * count(j, ends[i]))
+        return np.stack([offsets[:, j], offsets[:, i]]), weight.astype(np.float32)
 
 
 def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: float = 0.0) -> np.ndarray:
-    """W(dz, o) = K(dz, o) / shares(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
+    """Kernel table W(dz, o) = K(dz, o) / w(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
 
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
     plane (towards the viewer) back to the plane: the inverse DFT of exp(2 pi i dz / wavelength u / (1 +
-    sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. shares is the sum of
-    `Lattice.shares` over the directions that meet in the grain, 1 but at the rim of the cone and beside the plane. E is
+    sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. w is the sum of
+    `Lattice.weights` over the directions that meet in the grain, 1 but at the cone's rim and beside the plane. E is
     the in-band energy of the kernel cut to the grains reached (pi/4 uncut). The cut kernel is fitted to the exact one's
     spectrum within the band by `FIT_STEPS` of Landweber's iteration, for what lies outside the band is cut from the
     field anyway: it gains 1 to 5 dB where the kernel is few grains wide. Each depth thereby becomes an exact discrete
     convolution at one ray a grain.
 
-    That is for random phases, whose light goes everywhere. Of surfaces in phase an even one's goes straight on, and a
-    kernel that is cut rings there: over depth their brightness would be off by half. So the fit is weighted by the
-    power P(f) of their light, by conjugate gradients (`_Grid.power`). And W makes the brightness of an even surface
-    whose phases send the share s of its light straight on, and the rest everywhere, what it is,
-    s |H(0)|^2 + (1 - s) E / (pi/4) = 1, where H is the cut kernel's spectrum (Wiener-Khinchin theorem).
+    That is for random phases, whose light goes everywhere. Light of even surfaces in phase goes straight on, where a
+    cut kernel rings: their brightness would be off by half over depth. So the fit is weighted by the power P(f) of
+    their light, by conjugate gradients (`_Grid.power`). And W keeps the brightness of an even surface whose phases send
+    the fraction s of its light straight on, and the rest everywhere: s |H(0)|^2 + (1 - s) E / (pi/4) = 1, where H is
+    the cut kernel's spectrum (Wiener-Khinchin theorem).
 
-    Beside the table memory is 16 bytes a bin for a handful of arrays of `MOST_BINS` at most, whatever the depth.
+    Beside the table a handful of arrays of up to `MAX_BINS` bins take memory, 16 bytes a bin, whatever the depth.
 
     Parameters
     ----------
     lattice : Lattice
     pitch, wavelength : float
-        Metres.
+        Meters.
     straight : float
-        s, see `straight_share`; 0 for random phases.
+        Fraction s, see `straight_share`; 0 for random phases.
 
     Returns
     -------
@@ -205,7 +206,7 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: fl
     farthest = int(offsets.max()) + 1
     grid = _Grid.of(farthest, pitch, wavelength)
     power = grid.power(straight)
-    together = max(1, min(TOGETHER, MOST_BINS // grid.detour.size))
+    together = max(1, min(TOGETHER, MAX_BINS // grid.detour.size))
     table = np.zeros((lattice.levels, farthest, farthest), np.complex64)
     sides, first = offsets.max(1) + 1, 0
     while first < lattice.levels:
@@ -215,10 +216,10 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: fl
         exact, within = grid.kernels(dz, side, grid.band), grid.within(side, grid.band)
         images = np.where(np.arange(side) == 0, 1.0, 2.0)
         images = np.outer(images, images)
-        cell, share = lattice.shares(offsets[levels])
+        cell, weight = lattice.weights(offsets[levels])
         cell = (np.arange(len(levels))[:, None] * side + cell[0]) * side + cell[1]
-        shares = np.bincount(cell.ravel(), share.ravel(), exact.size).reshape(exact.shape) / images
-        reached = shares > 0
+        weights = np.bincount(cell.ravel(), weight.ravel(), exact.size).reshape(exact.shape) / images
+        reached = weights > 0
         kernel = exact * reached
         if straight:
             weighted = grid.kernels(dz, side, power), grid.within(side, power)
@@ -230,7 +231,7 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: fl
         if straight:
             ahead = np.abs((images * kernel).sum((1, 2))) ** 2
             energy = straight * (math.pi / 4) * ahead + (1 - straight) * energy
-        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.where(reached, shares, 1)
+        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.where(reached, weights, 1)
         table[levels, :side, :side] = kernel
         first = last
     return table
@@ -238,16 +239,16 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: fl
 
 @dataclass(frozen=True)
 class _Grid:
-    """A quadrant of even spectra on an even grid: cosines over half the bins replace the Fourier transform.
+    """Quadrant of an even grid for even spectra: cosines over half the bins replace the Fourier transform.
 
     Attributes
     ----------
     to_space, to_frequency : numpy.ndarray, shape (pixels, bins) and (bins, pixels)
-        Along an axis.
+        Transforms along an axis.
     band : numpy.ndarray of bool, shape (bins, bins)
         The circular band.
     detour : numpy.ndarray, shape (bins, bins)
-        Turns of the phase for each metre.
+        Turns of the phase per meter.
     """
 
     to_space: np.ndarray
@@ -257,7 +258,7 @@ class _Grid:
 
     @classmethod
     def of(cls, side, pitch, wavelength):
-        """For kernels of `side` pixels in a quadrant."""
+        """Make a grid for kernels of `side` pixels in a quadrant."""
         n = max(128, 4 * side + 64)
         pixels, bins = np.arange(2 * side), np.arange(n // 2 + 1)
         cosine = np.cos(2 * math.pi / n * np.outer(pixels, bins))
@@ -271,7 +272,7 @@ class _Grid:
         )
 
     def power(self, straight):
-        """Power spectrum of a surface's light within the band, of which a share is in phase; its mean is 1."""
+        """Power spectrum of a surface's light in the band, of which the fraction `straight` is in phase; mean 1."""
         bins = np.arange(len(self.band))
         images = np.where((bins == 0) | (bins == len(bins) - 1), 1.0, 2.0)
         images = np.outer(images, images) * self.band
@@ -279,56 +280,54 @@ class _Grid:
         texture = self.band / (1 + (f[:, None] ** 2 + f**2) / TEXTURE**2)
         in_phase = (1 - STRAIGHT) * texture * (images.sum() / (texture * images).sum())
         in_phase[0, 0] += STRAIGHT * images.sum()
-        return straight * in_phase + max(1 - straight, LEAST_WEIGHT) * self.band
+        return straight * in_phase + max(1 - straight, MIN_WEIGHT) * self.band
 
     def kernels(self, dz, side, power):
-        """The exact kernel of each distance, as far as `side`, as light of a power spectrum meets it; distances are
-        evenly spaced.
-        """
-        # half the memory; sums in double precision are the same, to the table's last bit, whatever library takes them
+        """Exact kernel of each of some evenly spaced distances, up to `side`, times a power spectrum."""
+        # single precision halves memory; sums in double precision then agree to the table's last bit in all libraries
         spectrum = np.empty((len(dz), *self.detour.shape), np.complex64)
         wave = np.exp(2j * math.pi * dz[0] * self.detour) * power
-        # a product is a tenth of the work of an exponential
+        # a product takes a tenth of an exponential's time
         step = np.exp(2j * math.pi * (dz[1] - dz[0]) * self.detour) if len(dz) > 1 else 1.0
-        for of_level in spectrum:
-            of_level[:] = wave
+        for level in spectrum:
+            level[:] = wave
             wave *= step
         return _along_both(self.to_space[:side], spectrum)
 
     def within(self, side, power):
-        """What multiplies spectra of even images of `side` pixels by a power, as the band is one.
+        """Function that multiplies spectra of even images of `side` pixels by a power spectrum, such as the band.
 
-        That is a convolution with the transform of the power, hence one matrix, which is less work than the way to the
-        spectrum as long as it is small.
+        That is a convolution with the transform of the power. As one matrix it takes less work than two transforms, as
+        long as it is small.
         """
         if side > SMALL:
-            there, back = self.to_frequency[:, :side], self.to_space[:side]
-            return lambda images: _along_both(back, _along_both(there, images) * power)
+            forward, backward = self.to_frequency[:, :side], self.to_space[:side]
+            return lambda images: _along_both(backward, _along_both(forward, images) * power)
         matrix = _convolution(self.to_space @ power @ self.to_space.T, side)
         return lambda images: _times(matrix, images)
 
 
 def _fitted(kernel, exact, within, reached, images):
-    """Kernels on what is `reached` that are nearer to exact ones than these, of a stack, by conjugate gradients."""
+    """Fit a stack of kernels, on the grains `reached`, to exact ones by conjugate gradients."""
 
     def inner(a, b):
         return (images * (a.conj() * b).real).sum((1, 2))[:, None, None]
 
-    rest = (exact - within(kernel)) * reached
-    step, size = rest, inner(rest, rest)
+    residual = (exact - within(kernel)) * reached
+    step, size = residual, inner(residual, residual)
     for _ in range(SMOOTH_STEPS):
-        turned = within(step) * reached
-        # where few grains are reached, nothing is left to do
-        length = size / np.maximum(inner(step, turned), TINY)
+        image = within(step) * reached
+        # TINY: where few grains are reached, the fit is exact soon
+        length = size / np.maximum(inner(step, image), TINY)
         kernel = kernel + length * step
-        rest = rest - length * turned
-        before, size = size, inner(rest, rest)
-        step = rest + size / np.maximum(before, TINY) * step
+        residual = residual - length * image
+        before, size = size, inner(residual, residual)
+        step = residual + size / np.maximum(before, TINY) * step
     return kernel
 
 
 def _convolution(kernel, side):
-    """Matrix that convolves what one quadrant holds of an even image with an even kernel; of (y, x) in one index."""
+    """Matrix that convolves one quadrant of an even image with an even kernel; (y, x) are one index."""
     a = np.arange(side)
     apart, mirrored = np.abs(a[:, None] - a), a[:, None] + a
     images = np.where(a == 0, 0.0, 1.0)  # an axis is its own image
@@ -338,16 +337,16 @@ def _convolution(kernel, side):
 
 
 def _times(matrix, stack):
-    """A real matrix times each complex image of a stack, in one product."""
+    """Multiply a real matrix by each complex image of a stack, in one product."""
     flat = stack.reshape(len(stack), -1)
     out = np.concatenate([flat.real, flat.imag]) @ matrix.T
     return (out[: len(stack)] + 1j * out[len(stack) :]).reshape(stack.shape)
 
 
 def _along_both(matrix, stack):
-    """A real matrix times each complex one of a stack times its transpose, in few large products.
+    """Multiply each complex image of a stack by a real matrix from the left and by its transpose from the right.
 
-    Many small ones take ten times as long where the library's threads have to wait for a core.
+    Few large products: many small ones take ten times as long where the library's threads have to wait for a core.
     """
     values = np.concatenate([stack.real, stack.imag])
     for _ in range(2):

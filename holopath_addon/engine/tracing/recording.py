@@ -1,4 +1,4 @@
-"""A planned render's recording planes: what the rays of each see, traced as the plan says."""
+"""Recording planes of a render: their rays are traced as the plan says."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from .grain_grid import GrainGrid
 from .kernel_table import Lattice, directions_of, kernel_table
 from .measurement import Measurement
 from .regions import Region, regions_of
-from .wave_tracer import Part, add_pixels, blocks_of, trace_blocks
+from .wave_kernel import Part, WaveKernel
+from .wave_tracer import add_pixels, blocks_of, trace_blocks
 
 if TYPE_CHECKING:
     from ..camera import Camera
@@ -34,11 +35,11 @@ if TYPE_CHECKING:
     from ..waves.arrays import Array
     from .grains import RadianceMap
 
-SIDE = 4  # rays across a pixel that a silhouette's edge is found by
+SIDE = 4  # rays along each side of a pixel at the edge of a silhouette
 
 
 class Recording:
-    """The parts of a planned render that need the scene.
+    """Waves on the recording planes of a plan, and all else of a render that needs the scene.
 
     Parameters
     ----------
@@ -47,7 +48,17 @@ class Recording:
     hologram : Hologram
     plan : Plan
     clock : Clock
+        Counts the seconds of each stage.
     cache : RadianceCache, optional
+        Baked light.
+
+    Attributes
+    ----------
+    beyond : int
+        Margin of `canvas`, pixels.
+    rays_traced : dict of str to int
+    error, passes
+        Relative error of the field that the radiances' noise leaves, and paths of a pixel; None before `radiance`.
     """
 
     def __init__(
@@ -74,11 +85,17 @@ class Recording:
         self.optics = optics_of(scene, camera, plan)
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
-        """Where the radiance of rays comes from: a map of grains, or paths of their own."""
+        """Measure the radiance of grains; or return the source of a path for each ray, if the settings say so.
+
+        Parameters
+        ----------
+        progress : callable
+            ``progress(done)``, may raise.
+        """
         if self.plan.settings.radiance == "ray":
             return PathsPerRay(self.tracer, self.plan.settings.paths)
         with self.clock("radiance"):
-            radiance = self._measurement().measured(progress)
+            radiance = self._measurement().measure(progress)
         pixels = radiance.grid.columns * radiance.grid.rows
         self.rays_traced["radiance paths"] = pixels * radiance.passes
         self.rays_traced["texture rays"] = pixels * radiance.textures
@@ -86,7 +103,7 @@ class Recording:
         return radiance
 
     def _measurement(self):
-        """That of the map of grains."""
+        """The `Measurement` of the map of grains."""
         plan, hologram, settings = self.plan, self.hologram, self.plan.settings
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
         cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
@@ -96,12 +113,20 @@ class Recording:
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
         wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
-        what = self.scene, rays, self.optics, self.tracer, grid, plan
-        return Measurement(*what, wavelengths=wavelengths, seed=settings.seed)
+        return Measurement(
+            self.scene,
+            rays,
+            self.optics,
+            self.tracer,
+            grid,
+            plan,
+            wavelengths=wavelengths,
+            seed=settings.seed,
+        )
 
     @property
     def canvas(self) -> tuple[int, int]:
-        """Rows and columns of fields on recording planes, with a margin for waves that come back from beyond."""
+        """Rows and columns of fields on recording planes, with a margin for waves that leave the picture and return."""
         return self.hologram.height + 2 * self.beyond, self.hologram.width + 2 * self.beyond
 
     def record(
@@ -113,10 +138,21 @@ class Recording:
         out: Array,
         straight: float = 0.0,
     ) -> None:
-        """Add the wave field on a recording plane, see `wave_tracer.trace_blocks` and `add_pixels`.
+        """Trace the wave field on a recording plane, and add it to an array.
 
-        Phasors send the share `straight` of the light of even surfaces straight on, see `straight_share`. Seconds and
-        rays are counted.
+        Parameters
+        ----------
+        plane : RecordingPlane
+        radiance : RadianceMap or PathsPerRay
+            Result of `radiance`.
+        phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
+            One period of the phase maps.
+        progress : callable
+            ``progress(done)``, may raise.
+        out : array, complex64, shape (frames, wavelengths, height, width)
+            As large as `canvas`.
+        straight : float
+            Fraction of the light of even surfaces that these phasors send straight on, see `straight_share`.
         """
         regions, chunk = self._regions(plane, radiance), self.plan.chunk
         sizes = [(len(region.pixels), self._rays(plane, region)) for region in regions]
@@ -125,9 +161,9 @@ class Recording:
             parts = [self._part(plane, radiance, number, straight) for number in range(len(regions))]
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
-        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.plan.settings.seed
+        kernel = WaveKernel(self.scene, self.hologram, radiance, self.plan.settings.seed, like=out)
         with ThreadPoolExecutor(threads()) as executor, self.clock("wave tracing"):
-            for block, pixels, values in trace_blocks(*what, chunk, progress, out):
+            for block, pixels, values in trace_blocks(kernel, parts, blocks, phasors, chunk, progress):
                 add_pixels(out[block.start : block.stop, ...], self.hologram, pixels, values, executor)
 
     def _regions(self, plane, radiance):
@@ -149,8 +185,8 @@ class Recording:
         """The `Part` of a region of a plane."""
         if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]
-            seen = plane.slab, plane.images
-            rays = Rays(self.hologram, self.camera, self.mapping, plane.z, region.depth_limit, *seen)
+            view = self.hologram, self.camera, self.mapping
+            rays = Rays(*view, plane.z, region.depth_limit, plane.slab, plane.images)
             optics = self._optics(plane, region)
             estimator = self._estimator(region.depth_limit, plane.rays, straight)
             in_phase = straight > 0 and optics.branches > 1
@@ -159,7 +195,7 @@ class Recording:
         return self._parts[plane, number, straight]
 
     def _optics(self, plane, region):
-        """How rays of a region are followed."""
+        """Optics by which rays of a region are followed."""
         sky = self.camera.sees_sky and plane.slab.far[0] <= self.mapping.z_far
         if not region.chains:
             return FirstHits(self.plan.coherent, sky)
@@ -175,26 +211,30 @@ class Recording:
         rays = plane.rays if paper else self._lattice(region.depth_limit, plane.rays).rays
         return rays * self._optics(plane, region).branches
 
-    def _lattice(self, depth_limit, most):
+    def _lattice(self, depth_limit, max_rays):
         hologram, plan = self.hologram, self.plan
-        return Lattice.of(self.max_slope, depth_limit, hologram.pitch, plan.cone, most, plan.levels)
+        return Lattice.of(self.max_slope, depth_limit, hologram.pitch, plan.cone, max_rays, plan.levels)
 
-    def _estimator(self, depth_limit, most, straight):
+    def _estimator(self, depth_limit, max_rays, straight):
         hologram = self.hologram
         if self.plan.settings.estimator == "paper":
-            return RandomEstimator(hologram, most, self.plan.settings.seed)
+            return RandomEstimator(hologram, max_rays, self.plan.settings.seed)
         if (depth_limit, straight) not in self._estimators:
-            lattice = self._lattice(depth_limit, most)
+            lattice = self._lattice(depth_limit, max_rays)
             tables = [kernel_table(lattice, hologram.pitch, w, straight) for w in hologram.wavelengths]
             self._estimators[depth_limit, straight] = LatticeEstimator(hologram, lattice, tables)
         return self._estimators[depth_limit, straight]
 
     def silhouette(self, plane: RecordingPlane) -> np.ndarray:
-        """What share of each pixel of the canvas a slab's surfaces cover, beyond what farther planes see, from 0 to 1.
+        """Fraction of each pixel of the canvas that a slab's surfaces cover, beyond those that farther planes record.
 
         The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth. At edges a pixel
-        is as much covered as the slab's own field has light there: its rays meet a pixel of a surface at places that
-        are spread as far as they walk from the plane, up to the whole pixel. Kept.
+        is covered as much as the slab's own field has light there: its rays meet a pixel of a surface at places that
+        are spread as far as they walk from the plane, up to the whole pixel. Computed once.
+
+        Returns
+        -------
+        numpy.ndarray, float32, 0 to 1
         """
         if plane not in self._silhouettes:
             with self.clock("silhouettes"):
@@ -208,14 +248,14 @@ class Recording:
         across, beyond = dr.opaque(mi.UInt32, width), dr.opaque(mi.Float, self.beyond)
         walk = dr.opaque(mi.Float, 2 * self.max_slope / hologram.pitch)
 
-        def met(column, row):
+        def intersected(column, row):
             ray, depth_rate = rays.world(*rays.place(column, row), mi.Float(0), mi.Float(0))
             hit = intersect(self.scene, ray, self.plan.coherent)
             return hit.is_valid(), rays.height_over_plane(hit.t, depth_rate, hit.is_valid())
 
         def covered(pixel):
             column, row = mi.Float(pixel % across) - beyond, mi.Float(pixel // across) - beyond
-            return column, row, met(column, row)
+            return column, row, intersected(column, row)
 
         *_, (whole, _) = covered(dr.arange(mi.UInt32, width * height))
         cover = np.array(whole).reshape(height, width).astype(np.float32)
@@ -224,13 +264,12 @@ class Recording:
             return cover
         pixels = loaded(mi.UInt32, np.flatnonzero(edge))
         column, row, (within, height) = covered(pixels)
-        share = mi.Float(0)
+        fraction = mi.Float(0)
         for j, i in np.ndindex(SIDE, SIDE):
             over, up = ((n + 0.5) / SIDE - 0.5 for n in (i, j))
-            hit, dz = met(column + over, row + up)
+            hit, dz = intersected(column + over, row + up)
             spread = dr.minimum(walk * dr.abs(dr.select(within, height, dz)), 1)
-            share += dr.select(
-                (within | hit) & met(column + over * spread, row + up * spread)[0], 1 / SIDE**2, 0
-            )
-        cover[edge] = np.asarray(share)
+            inside = intersected(column + over * spread, row + up * spread)[0]
+            fraction += dr.select((within | hit) & inside, 1 / SIDE**2, 0)
+        cover[edge] = np.asarray(fraction)
         return cover

@@ -1,1 +1,1 @@
-"""What a viewer sees, of a field or of the scene itself, and how far the one is from the other."""
+"""Views of a field and of the scene itself, and measures of how far they differ."""

@@ -1,4 +1,4 @@
-"""What a viewer gets of a stored field: focus, eyebox, parallax, loss by phases; and how near path tracing it is."""
+"""Measures of what a viewer sees of a stored field: focus, eyebox, parallax, loss by phases, and path-traced truth."""
 
 from __future__ import annotations
 
@@ -25,46 +25,46 @@ if TYPE_CHECKING:
     from ..wavefield import WaveField
     from .reconstruction import Refocuser
 
-PATCHES = 3  # across and down, each of which has a focus of its own
-SMALLEST = 12  # pixels a side that are compared at least, as many as the window of SSIM takes
-WITHIN = 1e-6  # of a pupil's radius that may lie beyond the light
+PATCHES = 3  # across and down; each has its own focus
+MIN_COMPARED = 12  # pixels along a side: the window of SSIM
+EDGE_TOLERANCE = 1e-6  # fraction of a pupil's radius that may lie beyond the light
 
 
 def pupil_radius(field: WaveField) -> float:
-    """Radius in metres of the pupil that all wavelengths fill, within the stop."""
-    return _edge(field) * field.hologram.optics.opening[2]
+    """Radius in meters of the largest pupil that every wavelength fills, within the stop."""
+    return _band_radius(field) * field.hologram.optics.opening[2]
 
 
-def middle(field: WaveField) -> tuple[float, float]:
-    """Of that pupil, meters to the right and up."""
+def pupil_center(field: WaveField) -> tuple[float, float]:
+    """Center of the pupil of `pupil_radius`, meters to the right and up of the axis."""
     x, y, _ = field.hologram.optics.opening
-    return x * _edge(field), y * _edge(field)
+    return x * _band_radius(field), y * _band_radius(field)
 
 
-def _edge(field):
+def _band_radius(field):
     """Radius in meters of the pupil that the whole band would fill in all wavelengths."""
     hologram = field.hologram
     return min(field.mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths)
 
 
 def sharpness(images: np.ndarray) -> np.ndarray:
-    """Mean squared gradient over squared brightness, of patches of pictures.
+    """Mean squared gradient over squared brightness, for each patch of each image.
 
-    That measure of focus of Tenenbaum grows with all that is sharp (Krotkov, Int. J. Comput. Vision 1, 223 (1988)).
+    Tenenbaum's measure of focus: the sharper, the larger (Krotkov, Int. J. Comput. Vision 1, 223 (1988)).
 
     Parameters
     ----------
     images : numpy.ndarray, shape (focus, y, x, channel)
+        Intensities.
 
     Returns
     -------
     numpy.ndarray, shape (focus, `PATCHES`, `PATCHES`)
-        From the top and the left; 0 where it is dark.
+        Rows from the top, columns from the left; 0 in dark patches.
     """
-    found = np.zeros((len(images), PATCHES, PATCHES))
-    for values, image in zip(
-        found, images, strict=True
-    ):  # one by one: gradients take more memory than pictures
+    measures = np.zeros((len(images), PATCHES, PATCHES))
+    # one by one: gradients take more memory than images
+    for values, image in zip(measures, images, strict=True):
         gray = np.asarray(image, np.float64).mean(-1)
         down, across = np.gradient(gray)
         square = down**2 + across**2
@@ -73,36 +73,36 @@ def sharpness(images: np.ndarray) -> np.ndarray:
                 patch = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
                 bright = gray[patch].mean() ** 2
                 values[row, column] = square[patch].mean() / bright if bright > 0 else 0.0
-    return found
+    return measures
 
 
-def pupils(field: WaveField, share: float, count: int) -> list[list[Pupil | None]]:
-    """Parts of the pupil on a grid, rows from the top; None where one would reach beyond the light.
+def pupils(field: WaveField, size: float, count: int) -> list[list[Pupil | None]]:
+    """Grid of parts of the pupil, rows from the top; None where a part would reach beyond the light.
 
     Parameters
     ----------
     field : WaveField
-    share : float
-        Of the whole pupil's diameter, over 0 to 1.
+    size : float
+        Diameter of each part as a fraction of the whole pupil's, over 0 to 1.
     count : int
-        In a row and in a column.
+        Number of parts in a row and in a column.
     """
     radius = pupil_radius(field)
-    reach, (right, up) = radius * (1 - share), middle(field)
-    at = np.linspace(-reach, reach, count) if count > 1 else np.zeros(1)
+    reach, (right, up) = radius * (1 - size), pupil_center(field)
+    offsets = np.linspace(-reach, reach, count) if count > 1 else np.zeros(1)
     return [
         [
-            Pupil(float(x) + right, float(y) + up, 2 * share * radius)
-            if math.hypot(x, y) <= reach * (1 + WITHIN)
+            Pupil(float(x) + right, float(y) + up, 2 * size * radius)
+            if math.hypot(x, y) <= reach * (1 + EDGE_TOLERANCE)
             else None
-            for x in at
+            for x in offsets
         ]
-        for y in at[::-1]
+        for y in offsets[::-1]
     ]
 
 
-def shares(field: WaveField, pupil: Pupil) -> np.ndarray:
-    """Of each wavelength's opening, how much a part of the pupil is."""
+def opening_fractions(field: WaveField, pupil: Pupil) -> np.ndarray:
+    """Fraction of each wavelength's opening that a part of the pupil covers, shape (wavelength,)."""
     hologram, mapping = field.hologram, field.mapping
     radii = np.array([mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths])
     if hologram.optics.stopped:
@@ -112,41 +112,52 @@ def shares(field: WaveField, pupil: Pupil) -> np.ndarray:
     return _overlap(radii, pupil.diameter / 2, math.hypot(pupil.x, pupil.y)) / (math.pi * radii**2)
 
 
-def _overlap(a, b, apart):
-    """Area that discs of radii a and b have in common, whose centers are so far apart."""
-    apart = np.clip(apart, abs(a - b), a + b)
+def _overlap(a, b, distance):
+    """Area that disks of radii a and b, with their centers at a distance, have in common."""
+    distance = np.clip(distance, abs(a - b), a + b)
     with np.errstate(invalid="ignore", divide="ignore"):
-        sides = [np.clip((apart**2 + p**2 - q**2) / (2 * apart * p), -1, 1) for p, q in ((a, b), (b, a))]
-    angles = [
-        np.nan_to_num(np.arccos(side)) for side in sides
-    ]  # of equal discs on each other there is no axis
+        sides = [
+            np.clip((distance**2 + p**2 - q**2) / (2 * distance * p), -1, 1) for p, q in ((a, b), (b, a))
+        ]
+    angles = [np.nan_to_num(np.arccos(side)) for side in sides]  # not a number for equal, concentric disks
     kite = 0.5 * np.sqrt(
-        np.maximum((-apart + a + b) * (apart + a - b) * (apart - a + b) * (apart + a + b), 0.0)
+        np.maximum(
+            (-distance + a + b) * (distance + a - b) * (distance - a + b) * (distance + a + b),
+            0.0,
+        )
     )
     area = a**2 * angles[0] + b**2 * angles[1] - kite
-    return np.where(apart <= abs(a - b), math.pi * np.minimum(a, b) ** 2, area)
+    return np.where(distance <= abs(a - b), math.pi * np.minimum(a, b) ** 2, area)
 
 
-def even(field: WaveField, picture: np.ndarray, pupil: Pupil) -> np.ndarray:
-    """A picture [y, x, wavelength] through a part of the pupil, all wavelengths as bright as their opening.
+def balance_colors(field: WaveField, image: np.ndarray, pupil: Pupil) -> np.ndarray:
+    """Divide an image through a part of the pupil by the fraction of the opening that each wavelength has there.
 
-    Red fills a wider cone than blue, so that white is bluish through a part. A path-traced picture is a mean over what
-    is open, and knows no such thing.
+    Red fills a wider cone than blue, so that white turns bluish through a part. A path-traced image is a mean over the
+    opening and needs no such correction.
+
+    Parameters
+    ----------
+    field : WaveField
+    image : numpy.ndarray, shape (y, x, wavelength)
+        Intensities.
+    pupil : Pupil
+        The part that the image was seen through.
     """
-    return picture / shares(field, pupil)
+    return image / opening_fractions(field, pupil)
 
 
 @dataclass(frozen=True)
 class PathTraced:
-    """Path-traced pictures of a field's view, in two halves of independent noise, see `reference`.
+    """Path-traced images of a field's view, in two halves of independent noise, see `reference`.
 
     Attributes
     ----------
     scene : mitsuba.Scene
-        That the field is of.
+        Scene of the field.
     field : WaveField
     paths : int
-        A pixel and wavelength.
+        Number of paths for each pixel and wavelength.
     max_depth : int
         As `Settings.max_depth`.
     """
@@ -157,7 +168,7 @@ class PathTraced:
     max_depth: int
 
     def __call__(self, focus: Sequence[float], pupil: Pupil | None, progress: Progress) -> np.ndarray:
-        """Pictures at world depths, metres, through a part of the pupil: (focus, half, y, x, wavelength)."""
+        """Images at some depths through a part of the pupil; parameters and result as of `reference`."""
         field = self.field
         return reference(
             self.scene, field.camera, field.hologram, focus, pupil, self.paths, field.near, self.max_depth, progress,
@@ -166,36 +177,37 @@ class PathTraced:
 
     @property
     def border(self) -> int:
-        """Pixels at each edge that lose light of the far end of the volume to the SLM's aperture."""
+        """Number of pixels at each edge that lose light to the SLM's aperture, at the deepest end of the volume."""
         hologram = self.field.hologram.picture
         depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
-        most = (min(hologram.width, hologram.height) - SMALLEST) // 2
-        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), most))
+        limit = (min(hologram.width, hologram.height) - MIN_COMPARED) // 2
+        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), limit))
 
 
-def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
-    """Of a picture through a part of the pupil, over what its share of each wavelength's opening would let through.
+def brightness(field: WaveField, image: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
+    """Brightness through a part of the pupil, relative to an eyebox that is evenly bright.
 
     Parameters
     ----------
     field : WaveField
-    picture, whole : numpy.ndarray, shape (y, x, wavelength)
-        Through the part, and through all of the pupil.
+    image, whole : numpy.ndarray, shape (y, x, wavelength)
+        Intensities through the part, and through all of the pupil.
     pupil : Pupil
+        The part.
 
     Returns
     -------
     float
-        1 for an eyebox that is evenly bright.
+        1 for an even eyebox; 0 where the whole is dark.
     """
-    expected = (whole.mean((0, 1)) * shares(field, pupil)).sum()
-    return float(picture.mean((0, 1)).sum() / expected) if expected > 0 else 0.0
+    expected = (whole.mean((0, 1)) * opening_fractions(field, pupil)).sum()
+    return float(image.mean((0, 1)).sum() / expected) if expected > 0 else 0.0
 
 
-def slices(
-    refocus: Refocuser, focus: float, seen: Sequence[Pupil], row: int, progress: Progress, apart: int = 1
+def epipolar_slices(
+    refocus: Refocuser, focus: float, pupils: Sequence[Pupil], row: int, progress: Progress, apart: int = 1
 ) -> np.ndarray:
-    """One row of the picture through pupils side by side: an epipolar slice, in which depth is a slope.
+    """One row of the image through each of several pupils side by side: depth shows as slope.
 
     Bolles, Baker and Marimont, Int. J. Comput. Vision 1, 7 (1987).
 
@@ -204,51 +216,59 @@ def slices(
     refocus : Refocuser
     focus : float
         World depth, meters.
-    seen : sequence of Pupil
+    pupils : sequence of Pupil
+        From the left to the right.
     row : int
-        Of all pixels.
+        Row of the full image.
     progress : callable
         ``progress(done, message)``, may raise `Cancelled`.
     apart : int
-        As of `Refocuser`.
+        Distance in pixels between those that are computed, see `Refocuser`.
 
     Returns
     -------
     numpy.ndarray, shape (pupil, x, 3)
         Linear RGB.
     """
-    pictures = refocus.through(focus, seen, progress, apart)
-    return to_rgb(pictures[:, row // apart], refocus.field.hologram.wavelengths)
+    images = refocus.through(focus, pupils, progress, apart)
+    return to_rgb(images[:, row // apart], refocus.field.hologram.wavelengths)
 
 
 def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
-    """Share of the modulated light within the stop, or the recordable cone, for each wavelength; the rest goes astray.
+    """Diffraction efficiency for each wavelength: fraction of the modulated light within the stop or recordable cone.
 
-    Modulated is the beam of the hologram's optics. Behind a lens it is what meets the grid of the picture.
-    `progress` may raise `Cancelled`.
+    Parameters
+    ----------
+    phase : PhaseHologram
+        Modulates the beam of its optics. Behind a lens the light that meets the grid of the picture counts.
+    progress : callable
+        ``progress(done, message)``, may raise `Cancelled`.
     """
     hologram, grid = phase.hologram, phase.hologram.in_air
     shape = grid.raster(hologram.wavelengths[0]).shape
-    found, (frames, colours) = [], phase.data.shape[:2]
-    for colour, wavelength in enumerate(hologram.wavelengths):
+    fractions, (frames, colors) = [], phase.data.shape[:2]
+    for color, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
         band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
-        way = behind_lens(hologram, wavelength)
-        illumination = phase.hologram.illumination(colour)
+        lens = behind_lens(hologram, wavelength)
+        illumination = phase.hologram.illumination(color)
         beam = 1 if illumination is None else illumination
-        for number, frame in enumerate(phase.data[:, colour]):
-            progress((colour * frames + number) / (colours * frames), "Diffraction efficiency")
+        for number, frame in enumerate(phase.data[:, color]):
+            progress((color * frames + number) / (colors * frames), "Diffraction efficiency")
             light = beam * np.exp(1j * frame.astype(np.float64))
             total += math.prod(shape) * (np.abs(light) ** 2).sum()
-            power = np.abs(scipy.fft.fft2(light if way is None else way.propagate(light))) ** 2
+            power = np.abs(scipy.fft.fft2(light if lens is None else lens.propagate(light))) ** 2
             inside += power[band].sum()
-        found.append(inside / total)
-    return found
+        fractions.append(inside / total)
+    return fractions
 
 
-def loss(shown: np.ndarray, wanted: np.ndarray) -> list[float]:
-    """PSNR in dB of pictures by phases against those by the field, both of shape (view, y, x, wavelength).
+def loss(images: np.ndarray, targets: np.ndarray) -> list[float]:
+    """PSNR in dB of each image by phases against that by the field; NaN where the latter is dark.
 
-    NaN where the field is dark.
+    Parameters
+    ----------
+    images, targets : numpy.ndarray, shape (view, y, x, wavelength)
+        Intensities by the phases, and by the field.
     """
-    return [psnr(a, b) if b.any() else math.nan for a, b in zip(shown, wanted, strict=True)]
+    return [psnr(a, b) if b.any() else math.nan for a, b in zip(images, targets, strict=True)]

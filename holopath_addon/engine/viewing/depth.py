@@ -1,4 +1,4 @@
-"""Depths in view, along the camera's axis: of the first surfaces, and of the images that mirrors and glass show."""
+"""Depth maps along the camera's axis: of the first surfaces, and of the images that mirrors and glass show."""
 
 from __future__ import annotations
 
@@ -18,19 +18,24 @@ if TYPE_CHECKING:
 
 
 def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np.ndarray) -> np.ndarray:
-    """Depths of what is hit in some directions.
+    """Depths of the first surfaces in some directions.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     camera : Camera
     across, upward : numpy.ndarray, shape (n,)
-        Tangents of the directions from the pupil's centre, to the right and up of the camera's axis.
+        Tangents of the directions from the pupil's center, to the right and up of the camera's axis.
 
     Returns
     -------
     numpy.ndarray, float32, shape (n,)
-        World depths in metres; infinite where there is nothing within the camera's clipping range.
+        World depths in meters; infinite where there is no surface within the camera's clipping range.
+
+    Raises
+    ------
+    BackendUnavailable
+        If Mitsuba cannot compute on this machine.
     """
     variants.activate_for(scene)
     # of unit length along the axis, so that distances along the ray are depths
@@ -40,52 +45,54 @@ def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np
 
 
 def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.ndarray:
-    """Depth of the first surface at every pixel's centre.
+    """Depth of the first surface at every pixel's center.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     camera : Camera
     width, height : int
-        Pixels, which are square.
+        Numbers of pixels, which are square.
 
     Returns
     -------
     numpy.ndarray, float32, shape (height, width)
-        World depths in metres, infinite where there is nothing; row 0 at the top.
+        World depths in meters, infinite where there is no surface; row 0 is the top.
 
     Raises
     ------
     BackendUnavailable
+        If Mitsuba cannot compute on this machine.
     """
     across, upward = _pixels(camera, width, height)
     return depths_along(scene, camera, across, upward).reshape(height, width)
 
 
 def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, height: int) -> np.ndarray:
-    """Depth at which what is seen at every pixel's centre comes into focus, by the plan's own optics.
+    """Depth at which each pixel's center comes into focus, by the plan's own optics.
 
-    That of the surface, but for mirrors and clear surfaces: there it is that of the image that they show, seen from
-    the pupil's centre. Where several things are seen through each other, the one of the largest share counts.
+    For mirrors and clear surfaces it is the depth of the image that they show, seen from the pupil's center; for all
+    others that of the surface. Where several images overlap, the brightest one counts.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     camera : Camera
     plan : Plan
-        Of a hologram of this view: how far mirrors and glass are followed.
+        Plan of a hologram of this view. It says how many mirrors and clear surfaces in a row are followed.
     width, height : int
-        Pixels, which are square.
+        Numbers of pixels, which are square.
 
     Returns
     -------
     numpy.ndarray, float32, shape (height, width)
-        World depths in metres, row 0 at the top; infinite where there is nothing or the sky, negative for light that
-        converges behind the viewer, as of concave mirrors.
+        World depths in meters, row 0 is the top. Infinite for the sky and where there is no surface, negative for light
+        that converges behind the viewer, for example from concave mirrors.
 
     Raises
     ------
     BackendUnavailable
+        If Mitsuba cannot compute on this machine.
     """
     variants.activate()
     import drjit as dr
@@ -99,22 +106,22 @@ def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, hei
     reach = min(camera.clip_end, FARTHEST) - camera.clip_start
     ray.maxt = mi.Float((reach * lengths).astype(np.float32))
     optics = optics_of(scene, camera, plan)
-    most = np.zeros(len(lengths), np.float32)
+    max_weight = np.zeros(len(lengths), np.float32)
     depths = np.full(len(lengths), math.inf, np.float32)
     for branch in range(optics.branches):
-        seen = optics.view(scene, ray, dr.full(mi.UInt32, branch, len(lengths)))
-        share = np.asarray(seen.exists, np.float32) * (
-            1 if seen.weight is None else np.asarray(dr.max(seen.weight))
+        view = optics.view(scene, ray, dr.full(mi.UInt32, branch, len(lengths)))
+        weight = np.asarray(view.exists, np.float32) * (
+            1 if view.weight is None else np.asarray(dr.max(view.weight))
         )
-        distance = np.asarray(dr.select(seen.hit, seen.distance, dr.inf))
-        larger = share > most
-        most = np.where(larger, share, most)
+        distance = np.asarray(dr.select(view.hit, view.distance, dr.inf))
+        larger = weight > max_weight
+        max_weight = np.where(larger, weight, max_weight)
         depths = np.where(larger, camera.clip_start + distance / lengths, depths)
     return depths.astype(np.float32).reshape(height, width)
 
 
 def _pixels(camera, width, height):
-    """Tangents of the directions of the pixels' centres, row by row."""
+    """Tangents of the directions of the pixels' centers, row by row."""
     pixel = 2 * math.tan(camera.fov_x / 2) / width
     columns = (np.arange(width) - 0.5 * (width - 1) + camera.shift_x * width) * pixel
     rows = (0.5 * (height - 1) - np.arange(height) + camera.shift_y * width) * pixel
@@ -122,7 +129,7 @@ def _pixels(camera, width, height):
 
 
 def _lines(camera, across, upward):
-    """Where rays start, and their directions, as long as to be one along the axis."""
+    """Origins and directions of rays; directions have the length 1 along the axis."""
     right, up, forward = camera.axes
     directions = forward[:, None] + right[:, None] * across + up[:, None] * upward
     return camera.position[:, None] + camera.clip_start * directions, directions

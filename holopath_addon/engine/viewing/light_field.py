@@ -1,4 +1,4 @@
-"""A scene's light field: pictures through points of the pupil, in which everything is sharp."""
+"""Light field of a scene: pinhole images from points of the pupil, in which everything is sharp."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from ..optics import Pupil
     from ..progress import Progress
 
-AT_ONCE = 16  # paths a pixel, between two looks at progress and cancel
+PATHS_PER_STEP = 16  # for each pixel, between two calls of progress
 
 
 def pupil_points(
     count: int, hologram: Hologram, mapping: DepthMapping, pupil: Pupil | None = None
 ) -> np.ndarray:
-    """A square grid of points of the pupil, as large as the disc has room for that all wavelengths fill.
+    """Square grid of points, the largest in the disk of the pupil that all wavelengths fill.
 
     Parameters
     ----------
     count : int
-        Points in a row and in a column; 1 is the middle.
+        Number of points in a row and in a column; 1 is the center.
     hologram : Hologram
     mapping : DepthMapping
     pupil : Pupil, optional
-        Part of the pupil that is looked through.
+        Part of the pupil to take points from.
 
     Returns
     -------
     numpy.ndarray, shape (v, u, 2)
-        Metres to the right and up of the axis; v runs down, as the rows of a picture do.
+        Meters to the right and up of the axis; v runs down, like the rows of an image.
     """
-    centre, radius = _disc(hologram, mapping, pupil)
+    center, radius = _disk(hologram, mapping, pupil)
     half = radius / np.sqrt(2)
     steps = np.linspace(-half, half, count) if count > 1 else np.zeros(1)
-    u, v = np.meshgrid(centre[0] + steps, centre[1] - steps)
+    u, v = np.meshgrid(center[0] + steps, center[1] - steps)
     return np.stack([u, v], axis=-1)
 
 
@@ -58,30 +58,31 @@ def pupil_row(
     Returns
     -------
     numpy.ndarray, shape (count, 2)
+        Meters to the right and up of the axis.
     """
-    (x, y), radius = _disc(hologram, mapping, pupil)
+    (x, y), radius = _disk(hologram, mapping, pupil)
     steps = radius * ((2 * np.arange(count) + 1) / count - 1)
     return np.stack([x + steps, np.full(count, y)], axis=-1)
 
 
-def _disc(hologram, mapping, pupil):
-    """Middle and radius of what is looked through."""
+def _disk(hologram, mapping, pupil):
+    """Center and radius of the disk that points come from, meters."""
     radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
-    x, y, share = hologram.optics.opening
+    x, y, opening = hologram.optics.opening
     if pupil is None:
-        return (radius * x, radius * y), radius * share
+        return (radius * x, radius * y), radius * opening
     return (pupil.x, pupil.y), min(radius, pupil.diameter / 2)
 
 
 def quilt(views: np.ndarray, columns: int) -> np.ndarray:
-    """All views in one picture, as Looking Glass displays read it: in rows from the lower left one, upwards.
+    """All views in one image, as Looking Glass displays read it: in rows from the lower left one, upwards.
 
     Parameters
     ----------
     views : numpy.ndarray, shape (view, y, x, ...)
-        From the leftmost to the rightmost, as many as fill the rows.
+        From the leftmost to the rightmost. Their number must be a multiple of `columns`.
     columns : int
-        Views in a row.
+        Number of views in a row.
 
     Returns
     -------
@@ -103,45 +104,49 @@ def pinhole_pictures(
     progress: Progress | None = None,
     focus: float | None = None,
 ) -> np.ndarray:
-    """Pictures through points of the pupil, by Mitsuba's path tracer.
+    """Images from points of the pupil, by Mitsuba's path tracer.
 
-    Without a focus all look in the same direction: seen from X metres to the right, a thing at depth D lies
-    X width / (2 D tan(fov_x / 2)) pixels to the left of where the camera sees it.
+    Without a focus all cameras look in the same direction: from X meters to the right, an object at depth D appears
+    X width / (2 D tan(fov_x / 2)) pixels to the left of its place in the camera's image.
 
     Parameters
     ----------
     scene, camera, hologram :
         As for `render`.
     points : sequence of (float, float)
-        Metres to the right and up of the camera's axis.
+        Meters to the right and up of the camera's axis.
     spp : int
-        Paths a pixel, in steps of 16.
+        Number of paths for each pixel, rounded up to a multiple of 16.
     max_depth, seed : int
-        As of `Settings`.
+        As in `Settings`.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
     focus : float, optional
-        World depth in metres at which all see the same. Default: infinity.
+        World depth in meters at which all images coincide. Default: infinity.
 
     Returns
     -------
     numpy.ndarray, float32, shape (point, y, x, wavelength)
+        Linear radiance, row 0 is the top.
 
     Raises
     ------
-    BackendUnavailable, Cancelled
+    BackendUnavailable
+        If Mitsuba cannot compute on this machine.
+    Cancelled
+        If `progress` raised it.
     """
     progress = progress or (lambda done, message: None)
     camera, hologram = squared(camera, hologram)
     size = hologram.width, hologram.height
     channels = [channel(w) for w in hologram.wavelengths]
     preview = Preview(scene, camera, *size, max_depth=max_depth, seed=seed)
-    pictures = np.empty((len(points), *reversed(size), len(channels)), np.float32)
-    steps = -(-spp // AT_ONCE)
+    images = np.empty((len(points), *reversed(size), len(channels)), np.float32)
+    steps = -(-spp // PATHS_PER_STEP)
     for k, point in enumerate(points):
-        preview.look(camera, *size, focus, centre=tuple(point))
+        preview.look(camera, *size, focus, center=tuple(point))
         for step in range(steps):
             done = (k * steps + step) / (len(points) * steps)
-            light = preview.refine(AT_ONCE, lambda part, message, done=done: progress(done, "Views"))
-            pictures[k] = light[..., channels]  # the mean of all so far
-    return pictures
+            light = preview.refine(PATHS_PER_STEP, lambda part, message, done=done: progress(done, "Views"))
+            images[k] = light[..., channels]  # the mean of all paths so far
+    return images

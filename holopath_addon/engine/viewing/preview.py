@@ -1,4 +1,4 @@
-"""A picture of the scene by Mitsuba's path tracer that refines: through a pinhole or a thin lens."""
+"""Progressive path-traced image of the scene by Mitsuba, through a pinhole or a thin lens."""
 
 from __future__ import annotations
 
@@ -16,39 +16,57 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..progress import Progress
 
-CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
-FARTHEST = 1e30  # metres; single precision stays finite
+CHUNK_PATHS = 1 << 18  # between two calls of progress; a fraction of a second on two cores
+FARTHEST = 1e30  # meters; remains finite in single precision
 
 
 class Preview:
-    """The view of a camera with square pixels, the mean over all paths so far.
+    """Image of a camera's view with square pixels: the mean over all paths so far.
 
-    Cameras, sizes and lenses are data to the compiled program: another view costs no compilation, see `look`.
+    Cameras, sizes and lenses are data of the compiled program, so that another view needs no compilation, see `look`.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     camera : Camera
     width, height : int
-        Pixels.
+        Numbers of pixels.
     focus : float, optional
-        World depth that is sharp, metres; `math.inf`, the default, allowed.
+        World depth in focus, meters; `math.inf` is allowed and the default.
     aperture : float
-        Radius of the lens, metres; 0 is a pinhole, to which everything is sharp.
-    centre : (float, float)
-        Of the lens, metres to the right and up from the camera's axis.
+        Radius of the lens, meters; 0 for a pinhole, through which everything is sharp.
     max_depth : int
         As `Settings.max_depth`.
     seed : int
+        Seed of the random paths.
+    center : (float, float)
+        Center of the lens, meters to the right and up of the camera's axis.
 
     Attributes
     ----------
     spp : int
-        Paths a pixel so far.
+        Number of paths for each pixel so far.
 
     Raises
     ------
-    InvalidInput, BackendUnavailable
+    InvalidInput
+        If the image is empty or the focus is not in front of the camera.
+    BackendUnavailable
+        If Mitsuba cannot compute on this machine.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> _ = engine.variants.activate()  # before Mitsuba is imported
+    >>> import mitsuba as mi
+    >>> wall = {"type": "rectangle", "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 0.5}}}
+    >>> scene = mi.load_dict({"type": "scene", "wall": wall})
+    >>> place = np.eye(4)
+    >>> place[2, 3] = 1.0  # 1 m before the wall
+    >>> preview = engine.Preview(scene, engine.Camera(place, 0.5), 4, 3)
+    >>> float(preview.refine(4).mean())
+    0.5
     """
 
     def __init__(
@@ -61,12 +79,12 @@ class Preview:
         aperture: float = 0.0,
         max_depth: int = 8,
         seed: int = 0,
-        centre: tuple[float, float] = (0.0, 0.0),
+        center: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         variants.activate_for(scene)
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
-        self.look(camera, width, height, focus, aperture, centre)
+        self.look(camera, width, height, focus, aperture, center)
 
     def look(
         self,
@@ -75,22 +93,22 @@ class Preview:
         height: int,
         focus: float | None = None,
         aperture: float = 0.0,
-        centre: tuple[float, float] = (0.0, 0.0),
+        center: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Start anew with another view of the scene; parameters as above."""
+        """Start another view of the scene; parameters and errors as of the class."""
         import drjit as dr
         import mitsuba as mi
 
         from ..scene.buffers import constant
 
         if width < 1 or height < 1:
-            raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
+            raise InvalidInput(f"Expected an image of at least 1 x 1 pixels, got {width} x {height}.")
         if focus is not None and not focus > 0:
             raise InvalidInput(
-                "A focus distance must be in front of the camera: give a positive number of meters, or inf."
+                f"Expected a focus distance of a positive number of meters, or inf, got {focus:g} m."
             )
         self._lens = CameraLens(camera, width, height, focus or math.inf)
-        self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)
+        self._aperture, self._center = number(aperture), constant(mi.Point2f, center)
         if camera.sees_sky not in self._integrators:
             self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
         self._integrator = self._integrators[camera.sees_sky]
@@ -100,23 +118,24 @@ class Preview:
         self.spp = 0
 
     def refine(self, spp: int = 1, progress: Progress | None = None) -> np.ndarray:
-        """Add paths.
+        """Add paths to the image.
 
         Parameters
         ----------
         spp : int
-            Paths a pixel.
+            Number of paths to add for each pixel.
         progress : callable, optional
-            ``progress(done, message)``, may raise `Cancelled`: the picture is then as it was.
+            ``progress(done, message)``, may raise `Cancelled`: the image is then unchanged.
 
         Returns
         -------
         numpy.ndarray, float32, shape (y, x, 3)
-            Mean of all paths so far, linear, row 0 at the top; an array of its own.
+            Mean of all paths so far as linear RGB, row 0 is the top. A new array for each call.
 
         Raises
         ------
         Cancelled
+            If `progress` raised it.
         """
         progress = progress or (lambda done, message: None)
         light = np.empty_like(self._light)
@@ -130,7 +149,7 @@ class Preview:
         return (self._light / self.spp).reshape(*self._size, 3)
 
     def _trace(self, first, pixels, spp):
-        """Sums over new paths of some pixels."""
+        """Sum over new paths for some pixels, shape (pixel, 3)."""
         import drjit as dr
         import mitsuba as mi
 
@@ -144,9 +163,9 @@ class Preview:
 
         def body(count, light, sampler):
             place, point = corner + sampler.next_2d(), sampler.next_2d()
-            point = self._centre + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
-            found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
-            return count + 1, light + found, sampler
+            point = self._center + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
+            radiance, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
+            return count + 1, light + radiance, sampler
 
         state = (mi.UInt32(0), mi.Color3f(0), sampler)
         _, light, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")
@@ -155,14 +174,14 @@ class Preview:
 
 
 class CameraLens:
-    """Rays from points of a lens through a picture in the plane in focus; parameters as of `Preview`."""
+    """Rays from points of a lens through the image in the plane in focus; parameters as of `Preview`."""
 
     def __init__(self, camera: Camera, width: int, height: int, focus: float) -> None:
         import mitsuba as mi
 
         from ..scene.buffers import constant
 
-        size = 2 * math.tan(camera.fov_x / 2)  # of the picture at unit depth
+        size = 2 * math.tan(camera.fov_x / 2)  # of the image at unit depth
         self._pitch = number(size / width)
         self._left = number(size * (camera.shift_x - 0.5))
         self._top = number(size * (camera.shift_y + 0.5 * height / width))
@@ -172,14 +191,14 @@ class CameraLens:
         self._curvature = number(1 / focus)
 
     def ray(self, place: mi.Point2f, point: mi.Point2f) -> mi.RayDifferential3f:
-        """Rays to places in the picture.
+        """Rays to places in the image.
 
         Parameters
         ----------
         place : mitsuba.Point2f
-            Pixels from the picture's upper left corner, to the right and down.
+            Pixels from the image's upper left corner, to the right and down.
         point : mitsuba.Point2f
-            Of the lens, metres to the right and up from its middle.
+            Point of the lens, meters to the right and up from its center.
         """
         import drjit as dr
         import mitsuba as mi
@@ -194,7 +213,7 @@ class CameraLens:
 
 
 def number(value: float) -> mi.Float:
-    """Data, which a compiled program may be run with again, not a part of it."""
+    """A number as data of a compiled program, which then runs with another value without compilation."""
     import drjit as dr
     import mitsuba as mi
 
@@ -202,14 +221,15 @@ def number(value: float) -> mi.Float:
 
 
 def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingIntegrator:
-    """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity.
+    """Mitsuba's path tracer; with masks in view the volumetric one, because 3.9's `path` squares their opacity.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     sees_sky : bool
-        As of `Camera`.
+        As in `Camera`.
     max_depth : int
+        As in `Settings`.
 
     Returns
     -------
@@ -225,7 +245,7 @@ def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingI
     hidden = not sees_sky and scene.environment() is not None
 
     class Paths(mi.SamplingIntegrator):
-        """The same, less what comes straight from an environment that is not seen, and what is no number."""
+        """The same without light straight from a hidden environment, and with 0 for values that are not finite."""
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             light, valid, extra = paths.sample(scene, sampler, ray, medium, active)
@@ -237,19 +257,19 @@ def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingI
 
 
 def _sky_in_view(scene, ray, active):
-    """Radiance of the environment that reaches rays through nothing, or through masks and clear panes."""
+    """Radiance of the environment that reaches rays straight, or through masks and clear panes."""
     import drjit as dr
     import mitsuba as mi
 
-    def body(ray, share, active):
+    def body(ray, weight, active):
         si = scene.ray_intersect(ray, active)
         active &= si.is_valid()
-        share = dr.select(active, share * si.bsdf().eval_null_transmission(si, active), share)
-        active &= dr.max(share) > 0
-        return dr.select(active, si.spawn_ray(ray.d), ray), share, active
+        weight = dr.select(active, weight * si.bsdf().eval_null_transmission(si, active), weight)
+        active &= dr.max(weight) > 0
+        return dr.select(active, si.spawn_ray(ray.d), ray), weight, active
 
     state = (mi.Ray3f(ray), mi.Color3f(1), mi.Bool(active))
-    ray, share, _ = dr.while_loop(state, lambda *s: s[-1], body, label="sky in view")
+    ray, weight, _ = dr.while_loop(state, lambda *s: s[-1], body, label="sky in view")
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
     si.wi = -ray.d
-    return dr.select(active, share * scene.environment().eval(si), 0)
+    return dr.select(active, weight * scene.environment().eval(si), 0)

@@ -1,4 +1,4 @@
-"""What a viewer sees: the stored field refocused through a pupil."""
+"""Numerical reconstruction: images of a stored field, refocused through a pupil."""
 
 from __future__ import annotations
 
@@ -41,17 +41,16 @@ if TYPE_CHECKING:
     from ..wavefield import WaveField
     from ..waves.arrays import Array
 
-MOST_BYTES = (
-    1 << 29
-)  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
-FAR = 4  # widths that the steepest waves walk: to where a grid of the SLM's pixels, padded, is wide enough
+MAX_CACHE_BYTES = 1 << 29  # of spectra in a `Refocuser`: eight frames of 1920 x 1080 pixels in three colors
+FAR = 4  # sideways travel of the steepest waves, in widths of the SLM, up to which its padded grid is wide enough
 
 
 def far_from(hologram: Hologram) -> float:
-    """Distance from the SLM, meters, from which on pictures are those of the far field, by one Fresnel transform.
+    """Distance from the SLM in meters at which the far field begins, which takes a single Fresnel transform.
 
-    Nearer the angular spectrum is sampled well on the SLM's pixels, and from one such width on the transform's chirp
-    is. The volume lies before it. Behind a lens there is none: its picture is a far field.
+    Up to there the angular spectrum is well sampled on the SLM's pixels. The transform's chirp is well sampled from
+    1 / `FAR` of that distance on. The volume always lies before it. Infinite behind a lens, whose image is a far field
+    already.
     """
     if hologram.in_air is not hologram:
         return math.inf
@@ -61,14 +60,23 @@ def far_from(hologram: Hologram) -> float:
 
 
 def picture_pitch(hologram: Hologram, distance: float) -> float:
-    """Width in meters of a pixel of a picture at a distance from the SLM, or from the plane of the image `in_air`."""
+    """Pixel pitch of an image at a distance, meters.
+
+    Parameters
+    ----------
+    hologram : Hologram
+    distance : float
+        Distance from the SLM, or behind a lens from the plane of the image `in_air`, meters.
+    """
     if abs(distance) < far_from(hologram):
         return coarsest(hologram.picture.pitch)
     return min(hologram.wavelengths) * abs(distance) / hologram.shorter_side
 
 
-ROUNDING = 1e-9  # of a wave's sine: more than double precision loses
-EDGE_BINS = 2  # that the edge of a part of the pupil may lose where its light just fills a coarser grid
+ROUNDING = 1e-9  # relative bound of the rounding error of a wave's sine
+EDGE_BINS = (
+    2  # FFT bins that the edge of a part of the pupil may lose where its light just fills a coarser grid
+)
 
 
 def pupil_mask(
@@ -81,14 +89,32 @@ def pupil_mask(
 ) -> np.ndarray:
     """FFT bins whose plane waves pass the pupil: slope s meets the pupil plane at X = s beta / F.
 
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the FFT.
+    pitch : float or (float, float)
+        Pixel pitch, meters; (x, y) of pixels that are not square.
+    wavelength : float
+        Meters.
+    mapping : DepthMapping
+    pupil : Pupil
+    optics : Optics
+        Bench with the stop.
+
+    Returns
+    -------
+    numpy.ndarray of bool, `shape`
+        In FFT order.
+
     Raises
     ------
     InvalidInput
-        If it misses the light that passes the stop of the optics.
+        If the pupil misses the light that passes the stop.
     """
     fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
-    # Only where its waves can be is computed: a slope is a sine over a cosine, which is 1 at most, and at least that
-    # of the pupil's steepest wave.
+    # Compute only the bins that can pass: a slope is a sine over a cosine, which lies between that of the pupil's
+    # steepest wave and 1.
     radius, per_slope = pupil.diameter / 2, mapping.beta / mapping.focal
     steepest = (math.hypot(pupil.x, pupil.y) + radius) / per_slope
     rows, columns = (
@@ -98,25 +124,25 @@ def pupil_mask(
     square = (wavelength * fx[None, columns]) ** 2 + (wavelength * fy[rows, None]) ** 2
     scale = wavelength / np.sqrt(np.maximum(1 - square, 1e-12)) * mapping.beta / mapping.focal
     across, up = fx[None, columns] * scale - pupil.x, -fy[rows, None] * scale - pupil.y
-    there = np.ix_(rows, columns)
+    block = np.ix_(rows, columns)
     inside = np.zeros(shape, bool)
-    inside[there] = across**2 + up**2 <= pupil.diameter**2 / 4  # a root takes longer than all else
+    inside[block] = across**2 + up**2 <= pupil.diameter**2 / 4  # a root would take longer than all else
     right, down = (
-        2 * f[some] for f, some in zip(frequencies(shape, pitch)[::-1], (columns, rows), strict=True)
+        2 * f[part] for f, part in zip(frequencies(shape, pitch)[::-1], (columns, rows), strict=True)
     )
-    if not (inside[there] & optics.open_at(right[None, :], -down[:, None])).any():
+    if not (inside[block] & optics.open_at(right[None, :], -down[:, None])).any():
         if optics.stopped:
-            raise InvalidInput("The pupil lies outside the light that passes the stop: move it there.")
+            raise InvalidInput("The pupil lies outside the light that passes the stop. Move it there.")
         radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * coarsest(pitch)))))
         raise InvalidInput(
-            f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
-            f"move it there."
+            f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis. "
+            f"Move it there."
         )
     return inside
 
 
 def _between(sines, low, high, steepest):
-    """Numbers of the sines whose slopes may lie from `low` to `high`, of waves of slopes up to `steepest`."""
+    """Indices of the sines whose slopes may lie from `low` to `high`, for waves of slopes up to `steepest`."""
     cosine = 1 / math.hypot(1, steepest)
     ends = [end * part for end in (low, high) for part in (cosine, 1.0)]
     margin = ROUNDING * (1 + max(map(abs, ends)))
@@ -124,36 +150,49 @@ def _between(sines, low, high, steepest):
 
 
 class Refocuser:
-    """A wave field ready to be focused: the spectra of its frames are kept from one focus to the next.
+    """Images of a wave field at any focus and through any pupil, with the spectra of its frames in a cache.
 
-    Refocusing is then one inverse FFT a frame and wavelength.
+    Refocusing then takes one inverse FFT for each frame and wavelength.
 
     Parameters
     ----------
     field : WaveField
-    most_bytes : int
-        Spectra that do not fit into this much memory are computed anew each time.
+    max_bytes : int
+        Size of the cache. Spectra that do not fit are computed again each time.
     own_pixels : bool
-        Whether pictures have the display's own pixels where these are not square, instead of those of
+        Whether images have the display's own pixels where these are not square, instead of those of
         `Hologram.picture`.
     max_apart : int
-        Pixels between those of pictures, at most.
+        Maximum of the argument `apart` of later calls.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> hologram = engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> camera = engine.Camera(np.eye(4), 0.5)
+    >>> field = engine.WaveField(np.ones((1, 1, 32, 32), np.complex64), hologram, camera, near=0.5)
+    >>> refocus = engine.Refocuser(field)
+    >>> refocus([0.5, np.inf]).shape  # (focus, y, x, wavelength)
+    (2, 32, 32, 1)
+    >>> refocus([0.5], engine.Pupil(0.0, 0.0, diameter=1e-3)).shape
+    (1, 32, 32, 1)
     """
 
     def __init__(
         self,
         field: WaveField,
-        most_bytes: int = MOST_BYTES,
+        max_bytes: int = MAX_CACHE_BYTES,
         own_pixels: bool = False,
         max_apart: int = 1,
     ) -> None:
-        # what spectra are of: the SLM's pixels, or those of the image behind its lens
+        # spectra are those of the SLM's pixels, or of the image's behind its lens
         self.field, self._grid = field, field.hologram.in_air
         self._own, self._max_apart = own_pixels or self._grid.plain, max_apart
-        self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
-        self._ways = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
+        self._max_bytes, self._guard = max_bytes, JUDGING_GUARD if field.modulated else 0
+        self._lenses = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
-        self._transfers = {}  # the last one of each wavelength, after its shape and distance
+        self._transfers = {}  # of each wavelength the latest one, with its shape and distance
         self._lock = threading.Lock()
 
     def __call__(
@@ -163,14 +202,28 @@ class Refocuser:
         progress: Progress | None = None,
         apart: int = 1,
     ) -> Array:
-        """Pictures at several distances, as `reconstruct`, of every pixel or those `apart`; one thread at a time.
+        """Images at several depths, as of `reconstruct`. Threads wait for each other.
 
-        Light through half of the pupil has half of the bandwidth, so that every second pixel holds it, and its FFTs
-        take a quarter of the time.
+        Parameters
+        ----------
+        focus : sequence of float
+            World depths, meters.
+        pupil : Pupil, optional
+            Default: the whole recordable cone.
+        progress : callable, optional
+            ``progress(done, message)``, may raise `Cancelled`.
+        apart : int
+            Distance in pixels between those that are computed; 1 for all. Light through half of the pupil has half of
+            the bandwidth, so that every second pixel is enough, and FFTs take a quarter of the time.
+
+        Returns
+        -------
+        array, float32, shape (focus, y, x, wavelength)
 
         Raises
         ------
         InvalidInput
+            If a focus is not in front of the camera or the pupil misses the light.
         """
         views = [(float(z), pupil) for z in self.field.mapping.depth_to_z(list(focus))]
         with self._lock:
@@ -179,51 +232,73 @@ class Refocuser:
     def through(
         self, focus: float, pupils: Sequence[Pupil], progress: Progress | None = None, apart: int = 1
     ) -> Array:
-        """Pictures at one distance through several pupils: as by as many calls, in less time.
+        """Images at one depth through each of several pupils, faster than by a call for each.
+
+        Parameters
+        ----------
+        focus : float
+            World depth, meters.
+        pupils : sequence of Pupil
+        progress : callable, optional
+            ``progress(done, message)``, may raise `Cancelled`.
+        apart : int
+            Distance in pixels between those that are computed.
+
+        Returns
+        -------
+        array, float32, shape (pupil, y, x, wavelength)
 
         Raises
         ------
         InvalidInput
+            If the focus is not in front of the camera or a pupil misses the light.
         """
         (distance,) = self.field.mapping.depth_to_z([focus])
         with self._lock:
             return self._pictures([(float(distance), pupil) for pupil in pupils], progress, apart)
 
     def on(self, optics: Optics) -> Refocuser:
-        """The same light seen on another bench, see `at_panel`; what differs in beam or stop alone shares the spectra.
+        """Refocuser of the same light on another bench, see `at_panel`.
+
+        It shares the spectra where only beam or stop differ.
+
+        Parameters
+        ----------
+        optics : Optics
+            The other bench.
 
         Raises
         ------
         InvalidInput
-            If the field is of another lens, or the optics do not go with its pixels.
+            If the field was rendered for another lens, or the optics do not fit its pixels.
         """
-        other = Refocuser(at_panel(self.field, optics), self._most_bytes, self._own, self._max_apart)
+        other = Refocuser(at_panel(self.field, optics), self._max_bytes, self._own, self._max_apart)
         if other.field.data is self.field.data:
             other._spectra, other._lock = self._spectra, self._lock
         return other
 
     def _pictures(self, views, progress, apart):
-        """Of each distance from the SLM and pupil."""
+        """Images for views, each a distance from the SLM in meters and a pupil."""
         progress = progress or (lambda done, message: None)
-        beyond_near, numbers = far_from(self.field.hologram), {}
+        far_field, groups = far_from(self.field.hologram), {}
         for number, (distance, pupil) in enumerate(views):  # the far field by pupils, all else together
-            far = abs(distance) >= beyond_near
-            numbers.setdefault((far, pupil if far else None), []).append(number)
+            far = abs(distance) >= far_field
+            groups.setdefault((far, pupil if far else None), []).append(number)
         images, done = None, 0
-        for (far, pupil), some in numbers.items():
-            told = stage(progress, done / len(views), (done + len(some)) / len(views))
+        for (far, pupil), numbers in groups.items():
+            on_progress = stage(progress, done / len(views), (done + len(numbers)) / len(views))
             if far:
-                distances = np.array([views[number][0] for number in some])
-                found = self._far(distances, pupil, told)[:, ::apart, ::apart, :]
+                distances = np.array([views[number][0] for number in numbers])
+                part = self._far(distances, pupil, on_progress)[:, ::apart, ::apart, :]
             else:
-                found = self._near([views[number] for number in some], told, apart)
-            if len(some) == len(views):
-                return found
+                part = self._near([views[number] for number in numbers], on_progress, apart)
+            if len(numbers) == len(views):
+                return part
             if images is None:
-                images = arrays.empty((len(views), *found.shape[1:]), "float32", found)
-            for number, place in enumerate(some):
-                images[place, ...] = found[number, ...]
-            done += len(some)
+                images = arrays.empty((len(views), *part.shape[1:]), "float32", part)
+            for index, number in enumerate(numbers):
+                images[number, ...] = part[index, ...]
+            done += len(numbers)
         return images
 
     def _mask(self, k, padded, pupil):
@@ -237,27 +312,27 @@ class Refocuser:
         return mask
 
     def _far(self, distances, pupil, progress):
-        """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
+        """Far-field images by one Fresnel transform each: a pixel of `picture_pitch` sums the light that hits it."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
-        frames, colours, *shape = data.shape
-        images = arrays.zeros((len(distances), size.height, size.width, colours), "float32", data)
+        frames, colors, *shape = data.shape
+        images = arrays.zeros((len(distances), size.height, size.width, colors), "float32", data)
         done = 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, 0.0)
             mask = self._mask(k, padded, pupil)
             pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
             mask = arrays.mask(circular_band(padded, pitch) if mask is None else mask, data)
-            ways = [
+            transforms = [
                 Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
-                for place, way in enumerate(ways):
-                    images[place, ..., k] += arrays.intensity(way.propagate(wave)) / frames
-                done += len(ways)
-                progress(done / (len(distances) * frames * colours), "Refocusing")
-        # beyond that pixels send the same once more
+                for number, transform in enumerate(transforms):
+                    images[number, ..., k] += arrays.intensity(transform.propagate(wave)) / frames
+                done += len(transforms)
+                progress(done / (len(distances) * frames * colors), "Refocusing")
+        # the light of a grid of pixels repeats beyond these bounds
         for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
             n = images.shape[axis]
             within = np.abs(np.arange(n) - (n - 1) / 2) <= hologram.shorter_side / d / 2
@@ -266,38 +341,38 @@ class Refocuser:
         return images
 
     def _near(self, views, progress, apart):
-        """By angular spectra."""
-        grid, (frames, colours) = self._grid, self.field.data.shape[:2]
+        """Images within the angular spectrum's range, see `far_from`."""
+        grid, (frames, colors) = self._grid, self.field.data.shape[:2]
         shape = grid.raster(grid.wavelengths[0]).shape
-        aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
-        farthest = max(abs(distance) for distance, _ in views) + aside
+        color_offset = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
+        farthest = max(abs(distance) for distance, _ in views) + color_offset
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
-            needed += 4 * len(views) * colours * math.prod(shape)
+            needed += 4 * len(views) * colors * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}", self.field.data)
-        whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
+        whole = shape if self._own and self._lenses[0] is None else grid.picture.raster().shape
         size = [-(-n // apart) for n in whole]
-        images, done = arrays.empty((len(views), *size, colours), "float32", self.field.data), 0
-        for k in range(colours):
+        images, done = arrays.empty((len(views), *size, colors), "float32", self.field.data), 0
+        for k in range(colors):
             padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
             masks = {pupil: self._mask(k, padded, pupil) for pupil in {pupil for _, pupil in views}}
             sparse = apart > 1 and places is None and lines is None
             bins = {
                 p: _bins(mask, apart) if sparse and mask is not None else None for p, mask in masks.items()
             }
-            held = 8 * math.prod(padded) // (1 if None in bins.values() else apart**2)
-            together = max(1, MOST_BYTES // held)  # whose transfer functions fit
-            for first in range(0, len(views), together):
-                some = views[first : first + together]
+            transfer_bytes = 8 * math.prod(padded) // (1 if None in bins.values() else apart**2)
+            batch_size = max(1, MAX_CACHE_BYTES // transfer_bytes)
+            for first in range(0, len(views), batch_size):
+                batch = views[first : first + batch_size]
                 transfers = []
-                for distance, pupil in some:
-                    progress(done / (len(views) * frames * colours), "Refocusing")
+                for distance, pupil in batch:
+                    progress(done / (len(views) * frames * colors), "Refocusing")
                     transfers.append(self._transfer(k, padded, distance, masks[pupil], bins[pupil], apart))
-                seen = size if lines is None else shape
-                sums = [arrays.zeros(seen, "float32", transfer) for transfer in transfers]
+                sum_shape = size if lines is None else shape
+                sums = [arrays.zeros(sum_shape, "float32", transfer) for transfer in transfers]
                 for m in range(frames):
                     spectrum_ = self._spectrum(k, m, padded)
-                    for total, transfer, (_, pupil) in zip(sums, transfers, some, strict=True):
+                    for total, transfer, (_, pupil) in zip(sums, transfers, batch, strict=True):
                         own = bins[pupil]
                         waves = (spectrum_ if own is None else arrays.at(spectrum_, *own)) * transfer
                         if places is not None:
@@ -308,7 +383,7 @@ class Refocuser:
                             at_focus = at_focus[::apart, ::apart]
                         total += arrays.intensity(at_focus)
                         done += 1
-                        progress(done / (len(views) * frames * colours), "Refocusing")
+                        progress(done / (len(views) * frames * colors), "Refocusing")
                 for number, total in enumerate(sums, first):
                     if lines is not None:
                         total = arrays.as_type(averaged(total, lines)[::apart, ::apart], "float32")
@@ -316,7 +391,7 @@ class Refocuser:
         return images
 
     def _padded(self, k, distance):
-        """FFT shape for a wavelength and distance: that of the volume, so that spectra may be kept, if it is enough."""
+        """FFT shape for a wavelength and distance: if large enough that of the volume, whose spectra can be cached."""
         needed = self._shape(k, distance)
         volume = self._shape(k, max(abs(self._grid.depth_far), abs(self._grid.depth_near)))
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
@@ -333,27 +408,31 @@ class Refocuser:
         return tuple(_fast_multiple(n, self._max_apart) for n in padded)
 
     def _places(self, k):
-        """Where pixels of the picture lie between those of the panel; None where they are these."""
+        """Places of the image's pixels on the panel's grid; None where both are the same."""
         if self._own:
             return None
         grid = self._grid
         return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
 
     def _lines(self, k):
-        """Where pixels of pictures lie between a wavelength's own behind a lens; None where they are these."""
-        if self._ways[k] is None:
+        """Places of the image's pixels on a wavelength's own grid behind a lens; None where both are the same."""
+        if self._lenses[k] is None:
             return None
         own, shared = self._grid.raster(self._grid.wavelengths[k]), self._grid.raster()
         return None if own == shared else shared.lines_on(own)
 
     def _transfer(self, k, padded, distance, mask, bins, apart):
-        """The transfer function to a distance, behind a mask and in bins; a wavelength's last one is kept without."""
+        """Transfer function to a distance, times a mask and in bins; each wavelength's latest one is cached without."""
         key, grid = (padded, distance), self._grid
         if self._transfers.get(k, (None,))[0] != key:
             wavelength = grid.wavelengths[k]
-            away = distance - grid.distance_at(wavelength)
-            what = padded, grid.pitch_at(wavelength), wavelength, away
-            self._transfers[k] = key, transfer_function(*what, on=self.field.data)
+            own_distance = distance - grid.distance_at(wavelength)
+            self._transfers[k] = (
+                key,
+                transfer_function(
+                    padded, grid.pitch_at(wavelength), wavelength, own_distance, on=self.field.data
+                ),
+            )
         transfer = self._transfers[k][1]
         if bins is not None:
             passes = mask[np.ix_(*bins)] * np.float32(1 / apart**2)
@@ -361,57 +440,58 @@ class Refocuser:
         return transfer if mask is None else transfer * arrays.mask(mask, transfer)
 
     def _spectrum(self, k, m, padded):
-        kept = self._spectra.get((k, m, padded))
-        if kept is not None:
-            return kept
+        cached = self._spectra.get((k, m, padded))
+        if cached is not None:
+            return cached
         wave = self.field.data[m, k, ...]
-        if self._ways[k] is not None:
-            wave = self._ways[k].propagate(wave)
+        if self._lenses[k] is not None:
+            wave = self._lenses[k].propagate(wave)
         waves = spectrum(wave, padded)
-        held = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
-        if padded == self._padded(k, 0.0) and held <= self._most_bytes:
+        cache_bytes = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
+        if padded == self._padded(k, 0.0) and cache_bytes <= self._max_bytes:
             self._spectra[k, m, padded] = waves
         return waves
 
 
-def averaged(pictures: Array, lines: Sequence[EvenSteps]) -> Array:
-    """Intensities on the pixels of another grid: each is the mean over its square, of squares that are even.
+def averaged(images: Array, lines: Sequence[EvenSteps]) -> Array:
+    """Intensities on the pixels of another grid: the mean over each, where the original pixels are constant.
 
-    Between pixels a field of unit modulus is not of unit modulus, and its intensity is speckled. So intensities are
-    taken at the field's own pixels, and spread over these.
+    Between its pixels a field of unit modulus has another modulus, and its intensity is speckled. So intensities are
+    computed at the field's own pixels, and averaged from these.
 
     Parameters
     ----------
-    pictures : array, shape (..., y, x)
+    images : array, shape (..., y, x)
+        Intensities at the field's own pixels.
     lines : (EvenSteps, EvenSteps)
-        Rows and columns of the other grid, all of which lie within the pictures.
+        Rows and columns of the other grid, all of which lie within the images.
 
     Returns
     -------
-    array, float64, of as many rows and columns
+    array, float64, shape (..., rows, columns)
     """
-    xp, pictures = arrays.namespace(pictures), arrays.as_type(pictures, "float64")
+    xp, images = arrays.namespace(images), arrays.as_type(images, "float64")
     for axis, line in zip((-2, -1), lines, strict=True):
-        values = xp.moveaxis(pictures, axis, -1)
+        values = xp.moveaxis(images, axis, -1)
         count = values.shape[-1]
         sums = arrays.zeros((*values.shape[:-1], count + 1), "float64", values)
         sums[..., 1:] = arrays.cumulative(values)
         ends = line.first + 0.5 + line.step * (np.arange(line.count + 1) - 0.5)
         ends = ends.clip(0, count)  # rounding
         low = np.minimum(ends.astype(int), count - 1)
-        share, low = arrays.like(ends - low, values), arrays.like(low, values)
-        part = (xp.take(sums, low, axis=-1) + share * xp.take(values, low, axis=-1)) / line.step
-        pictures = xp.moveaxis(part[..., 1:] - part[..., :-1], -1, axis)
-    return pictures
+        fraction, low = arrays.like(ends - low, values), arrays.like(low, values)
+        part = (xp.take(sums, low, axis=-1) + fraction * xp.take(values, low, axis=-1)) / line.step
+        images = xp.moveaxis(part[..., 1:] - part[..., :-1], -1, axis)
+    return images
 
 
 def _bins(mask, apart):
-    """Bins of a spectrum that those of every `apart`-th pixel's are, of a mask that lets hardly others through; None if
-    there are more.
+    """Bins of a spectrum that hold the light through a mask and fit into the FFT of every `apart`-th pixel.
 
-    Frequencies keep their places modulo the smaller grid, as samples alias them.
+    None if the mask is open to more than these and `EDGE_BINS`. Sampling aliases frequencies: each keeps its place
+    modulo the smaller grid.
     """
-    found = []
+    bins = []
     for axis, count in enumerate(mask.shape):
         numbers = np.flatnonzero(mask.any(1 - axis))
         numbers = np.where(numbers >= count / 2, numbers - count, numbers)
@@ -421,17 +501,17 @@ def _bins(mask, apart):
         own = (int(numbers.min()) + int(numbers.max()) + 1) // 2 - size // 2 + np.arange(size)
         place = np.empty(size, int)
         place[own % size] = own % count
-        found.append(place)
-    return found
+        bins.append(place)
+    return bins
 
 
-def _fast_multiple(count, of):
-    """The next multiple that FFTs are fast on; of 1 the number itself."""
-    if of == 1:
+def _fast_multiple(count, factor):
+    """The next multiple of a factor that has a fast FFT; the number itself for the factor 1."""
+    if factor == 1:
         return count
-    count = -(-count // of) * of
+    count = -(-count // factor) * factor
     while scipy.fft.next_fast_len(count) != count:
-        count += of
+        count += factor
     return count
 
 
@@ -440,15 +520,15 @@ def reconstruct(
 ) -> Array:
     """Time-averaged intensity of a wave field, focused at world depths.
 
-    Depths from `far_from` the SLM on are of its far field, where a pixel is as wide as `picture_pitch` says and holds
-    the light that meets it.
+    Depths that map to `far_from` or farther from the SLM are in its far field: there a pixel is `picture_pitch` wide
+    and sums the light that falls on it.
 
     Parameters
     ----------
     field : WaveField
-        Its data may be of another library than NumPy, as for `propagate`.
+        Its data may be an array of another library than NumPy, as for `propagate`.
     focus : sequence of float
-        World depths along the camera's axis, metres; `math.inf` for the far end.
+        World depths along the camera's axis, meters; `math.inf` for the far end.
     pupil : Pupil, optional
         Default: the whole recordable cone.
     progress : callable, optional
@@ -457,29 +537,48 @@ def reconstruct(
     Returns
     -------
     array, float32, shape (focus, y, x, wavelength)
-        Of the library of the field's data, in the scene's radiance units, row 0 at the top; on the grid
-        `Hologram.picture`.
+        In the scene's radiance units, row 0 is the top, on the grid `Hologram.picture`. Of the same library as the
+        field's data.
 
     Raises
     ------
     InvalidInput
         If a focus is not in front of the camera or the pupil misses the light.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> hologram = engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> camera = engine.Camera(np.eye(4), 0.5)
+    >>> field = engine.WaveField(np.ones((1, 1, 32, 32), np.complex64), hologram, camera, near=0.5)
+    >>> images = engine.reconstruct(field, [0.5, 1.0, np.inf])
+    >>> images.shape  # (focus, y, x, wavelength)
+    (3, 32, 32, 1)
     """
-    return Refocuser(field, most_bytes=0)(focus, pupil, progress)
+    return Refocuser(field, max_bytes=0)(focus, pupil, progress)
 
 
 def to_rgb(image: np.ndarray, wavelengths: Sequence[float]) -> np.ndarray:
-    """Linear RGB picture of an intensity image.
+    """Linear RGB image of intensities.
 
     Parameters
     ----------
     image : numpy.ndarray, shape (..., wavelength)
+        Intensities, as of `reconstruct`.
     wavelengths : sequence of float
-        Metres; each lights the channel it was rendered from. A single one gives a grey picture.
+        Meters. Each gives the channel that it was rendered from; a single one gives all, a gray image.
 
     Returns
     -------
     numpy.ndarray, float32, shape (..., 3)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> engine.to_rgb(np.array([[1.0, 0.5]]), (640e-9, 450e-9))  # red and blue
+    array([[1. , 0. , 0.5]], dtype=float32)
     """
     if len(wavelengths) == 1:
         return np.repeat(image, 3, axis=-1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The truth to compare with: Mitsuba's path tracer through the hologram's pupil, one a wavelength."""
+"""Reference images: Mitsuba's path tracer through the pupil of each wavelength."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ..optics import Pupil
     from ..progress import Progress
 
-CELLS = 512  # a side, over the Fourier plane: where the stop is open
-CHUNK_PATHS = 1 << 21  # between two looks at progress and cancel; less than a second on two cores
+CELLS = 512  # along a side of the Fourier plane, each open or closed by the stop
+CHUNK_PATHS = 1 << 21  # between two calls of progress; less than a second on two cores
 
 
 def reference(
@@ -41,50 +41,57 @@ def reference(
     seed: int = 0,
     halves: bool = False,
 ) -> np.ndarray:
-    """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
+    """Incoherent images through a thin lens: the limit of a perfect hologram of infinitely many frames.
 
-    A cone of slope s_max fills a pupil of radius s_max beta / F; a picture focused at depth D is that of a
-    thin lens of this radius focused at D. Wavelengths that see the same scene share their paths, see `_Pupils`.
+    A cone of slope s_max fills a pupil of radius s_max beta / F. An image focused at depth D is that of a thin lens of
+    this radius focused at D. Wavelengths for which the scene is the same share their paths, see `_Pupils`.
 
     Parameters
     ----------
     scene, camera, hologram :
-        As for `render`; pictures are of the size of `Hologram.picture`.
+        As for `render`. Images have the size of `Hologram.picture`.
     focus : sequence of float
-        World depths, metres; `math.inf` allowed.
+        World depths, meters; `math.inf` is allowed.
     pupil : Pupil, optional
+        Default: the whole recordable cone.
     spp : int
-        Paths a pixel and wavelength, stratified; a few more where strata ask for it.
+        Number of paths for each pixel and wavelength, rounded up to fill the strata.
     near : float, optional
-        World depth of the volume's near end; found as in `plan` when not given.
+        World depth of the volume's near end, meters. Default: as in `plan`.
     max_depth : int
         As `Settings.max_depth`.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
     seed : int
-        Pictures of different seeds have independent noise.
+        Seed of the random paths; different seeds give independent noise.
     halves : bool
-        Give two pictures of half the paths instead, whose noise is independent: with both, `psnr` and `ssim` do not
-        count it.
+        Whether to return two images of half the paths each instead. Their noise is independent: with both, `psnr` and
+        `ssim` do not count it.
 
     Returns
     -------
     numpy.ndarray, float32, shape (focus, y, x, wavelength) or (focus, half, y, x, wavelength)
+        In the scene's radiance units, row 0 is the top.
 
     Raises
     ------
-    InvalidInput, BackendUnavailable, Cancelled
+    InvalidInput
+        If a focus is not in front of the camera.
+    BackendUnavailable
+        If Mitsuba cannot compute on this machine.
+    Cancelled
+        If `progress` raised it.
     """
     if halves:
-        told, asked = progress or (lambda done, message: None), max(1, -(-spp // 2))
-        pictures = [
+        on_progress = progress or (lambda done, message: None)
+        images = [
             reference(
-                scene, camera, hologram, focus, pupil, asked, near, max_depth,
-                lambda done, message, half=half: told((half + done) / 2, message), 2 * seed + half,
+                scene, camera, hologram, focus, pupil, max(1, -(-spp // 2)), near, max_depth,
+                lambda done, message, half=half: on_progress((half + done) / 2, message), 2 * seed + half,
             )
             for half in range(2)
         ]  # fmt: skip
-        return np.stack(pictures, axis=1)
+        return np.stack(images, axis=1)
     variants.activate_for(scene)
     camera, hologram = squared(camera, hologram)
     from ..planning.pilot import near_end
@@ -93,9 +100,9 @@ def reference(
     progress = progress or (lambda done, message: None)
     near = near or near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)
-    mapping.depth_to_z(list(focus))  # refuses what is behind the camera
+    mapping.depth_to_z(list(focus))  # refuses depths behind the camera
     images = np.empty((len(focus), hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
-    groups = [part for group in wavelength_groups(scene, hologram.wavelengths) for part in _apart(group)]
+    groups = [part for group in wavelength_groups(scene, hologram.wavelengths) for part in _by_channel(group)]
     integrator = path_tracer(scene, camera.sees_sky, max_depth)
     for f, depth in enumerate(focus):
         lens = CameraLens(camera, hologram.width, hologram.height, min(depth, 1e5))
@@ -103,22 +110,22 @@ def reference(
             radii = {channel(w): mapping.pupil_radius(hologram.max_slope(w)) for w in group}
             done = f * len(groups) + g
 
-            def told(part, done=done):
+            def on_progress(part, done=done):
                 progress((done + part) / (len(focus) * len(groups)), "Reference")
 
             with tuned(scene, group):
-                picture = _picture(
+                image = _image(
                     scene, integrator, lens, _Pupils(radii, pupil, hologram.optics), hologram, spp * len(group),
-                    seed * len(groups) + g, told,
+                    seed * len(groups) + g, on_progress,
                 )  # fmt: skip
             for k, w in enumerate(hologram.wavelengths):
                 if w in group:
-                    images[f, :, :, k] = picture[:, :, channel(w)]
+                    images[f, :, :, k] = image[:, :, channel(w)]
     return images
 
 
-def _apart(wavelengths):
-    """Groups of wavelengths of which no two show the same of the scene's channels."""
+def _by_channel(wavelengths):
+    """Groups of wavelengths, no two of which show the same channel of the scene."""
     groups = []
     for w in wavelengths:
         for group in groups:
@@ -131,20 +138,21 @@ def _apart(wavelengths):
 
 
 class _Pupils:
-    """Points of the open pupils of some wavelengths, which share them.
+    """Random points of the open pupils of several wavelengths, which share them.
 
-    Without a part of the pupil given, points come from each wavelength's own disc equally often, and count for every
-    wavelength whose disc they lie in by its density over that of all (the balance heuristic; Veach and Guibas,
-    SIGGRAPH 1995). The discs lie in each other, and 2.2 of three paths or more count for each of red, green and blue.
-    Of a part of the pupil, points count for the wavelengths whose pupil they lie in.
+    For the whole pupil, points come from each wavelength's own disk equally often. They count for every wavelength
+    whose disk contains them, weighted by the inverse of the joint density (the balance heuristic; Veach and Guibas,
+    SIGGRAPH 1995). The disks are concentric, and 2.2 of three paths or more count for each of red, green and blue.
+    For a part of the pupil, points count for the wavelengths whose disk contains them.
 
     Parameters
     ----------
     radii : dict of int to float
-        Metres, by the channel that a wavelength shows.
+        Radius in meters of the disk of each wavelength, by the channel that the wavelength shows.
     pupil : Pupil or None
+        Part of the pupil; None for the whole.
     optics : Optics
-        Whose stop points of each wavelength's disc have to pass.
+        Bench whose stop the points have to pass.
     """
 
     def __init__(self, radii, pupil, optics):
@@ -153,11 +161,11 @@ class _Pupils:
         from ..scene.buffers import constant
 
         if pupil and pupil.diameter / 2 >= max(radii.values()) + math.hypot(pupil.x, pupil.y):
-            pupil = None  # all is open
-        self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
-        discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
-        self._squares = [number(r**2) for r in discs]
-        self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
+            pupil = None  # it contains every disk
+        self._center = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
+        disks = [pupil.diameter / 2] if pupil else sorted(radii.values())
+        self._squares = [number(r**2) for r in disks]
+        self._densities = [number(1 / (len(disks) * math.pi * r**2)) for r in disks]
         self._radii, self._open = radii, None
         if optics.stopped:
             self._open = mi.Bool(optics.open_at(*_cells()).ravel())
@@ -165,21 +173,21 @@ class _Pupils:
         self._scale = self._densities[-1]
 
     def sample(self, uniform):
-        """Points in metres, to the right and up, and their weight for each channel, of any mean."""
+        """Points in meters, to the right and up, and their weight for each channel, up to a common factor."""
         import drjit as dr
         import mitsuba as mi
 
-        # of the squared radius, whose density falls by a step where a disc ends
-        square, taken, start = mi.Float(0), mi.Float(0), mi.Float(0)
+        # Inverse distribution of the squared radius, whose density falls by a step at the edge of each disk.
+        square, probability, start = mi.Float(0), mi.Float(0), mi.Float(0)
         for k, end in enumerate(self._squares):
             slope = math.pi * sum(self._densities[k:])
-            square = dr.select(uniform.x >= taken, start + (uniform.x - taken) / slope, square)
-            taken, start = taken + slope * (end - start), end
+            square = dr.select(uniform.x >= probability, start + (uniform.x - probability) / slope, square)
+            probability, start = probability + slope * (end - start), end
         square = dr.minimum(square, self._squares[-1])
         pairs = zip(self._squares, self._densities, strict=True)
-        density = sum(dr.select(square <= end, share, 0) for end, share in pairs)
+        density = sum(dr.select(square <= end, part, 0) for end, part in pairs)
         sine, cosine = dr.sincos(2 * dr.pi * uniform.y)
-        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
+        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._center
         weight = mi.Color3f(0)
         for c, end in self._own.items():
             passes = dr.squared_norm(point) <= end
@@ -192,13 +200,13 @@ class _Pupils:
 
 
 def _cells():
-    """Middles of the cells of a grid over the Fourier plane, to the right and up, in units of the band's edge."""
-    middles = (2 * np.arange(CELLS) + 1) / CELLS - 1
-    return middles[None, :], -middles[:, None]
+    """Centers of the cells of a grid over the Fourier plane, to the right and up, in units of the band's edge."""
+    centers = (2 * np.arange(CELLS) + 1) / CELLS - 1
+    return centers[None, :], -centers[:, None]
 
 
-def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
-    """Mean over paths, shape (y, x, 3), by strips of the picture.
+def _image(scene, integrator, lens, pupils, hologram, spp, seed, progress):
+    """Mean over paths, shape (y, x, 3), by strips of the image.
 
     Paths are stratified in each pixel (Kensler, Pixar technical memo 13-01, 2013).
     """
@@ -206,12 +214,12 @@ def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
     import mitsuba as mi
 
     across = math.isqrt(spp)
-    spp = across * -(-spp // across)  # what Mitsuba would round to, with a warning
+    spp = across * -(-spp // across)  # the number that Mitsuba would round to, with a warning
     count = min(hologram.height, -(-hologram.width * hologram.height * spp // CHUNK_PATHS))
     rows = -(-hologram.height // count)
 
     class Strip(mi.Sensor):
-        """Some rows of the picture, from row `first` on."""
+        """Some rows of the image, from row `first` on."""
 
         first: mi.Float
 
@@ -238,36 +246,37 @@ def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
     )  # fmt: skip
     properties["sampler"] = mi.load_dict({"type": "multijitter", "sample_count": spp})
     sensor = Strip(properties)
-    picture = np.empty((hologram.height, hologram.width, 3), np.float32)
+    image = np.empty((hologram.height, hologram.width, 3), np.float32)
     for strip, first in enumerate(range(0, hologram.height, rows)):
         first = min(first, hologram.height - rows)  # strips of one size are one program; the last may overlap
         sensor.first = dr.opaque(mi.Float, first)
         part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed * count + strip)
-        # over the mean weight of the same points: the pupil itself then adds no noise
-        share = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=seed * count + strip)
-        picture[first : first + rows] = np.asarray(part) / np.maximum(np.asarray(share), 1e-6)
+        # dividing by the mean weight of the same points removes the noise of the pupil itself
+        weight = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=seed * count + strip)
+        image[first : first + rows] = np.asarray(part) / np.maximum(np.asarray(weight), 1e-6)
         progress((strip + 1) / count)
-    return picture
+    return image
 
 
 def diffracted(
     pictures: np.ndarray, hologram: Hologram, openings: Sequence[float] | None = None
 ) -> np.ndarray:
-    """Pictures as light through the pupil shows them at best: blurred by what is open of it.
+    """Blur images by diffraction at the open pupil, the best that light through it can show.
 
-    The incoherent image is the picture * abs(h)^2, with h the transform of the opening (Goodman, Introduction to
-    Fourier Optics, section 6.3). The rays of `reference` know nothing of it.
+    The incoherent image is convolved with abs(h)^2, where h is the transform of the opening (Goodman, Introduction to
+    Fourier Optics, section 6.3). The rays of `reference` do not include it.
 
     Parameters
     ----------
     pictures : numpy.ndarray, shape (..., y, x, wavelength)
+        Intensities on the grid `Hologram.picture`.
     hologram : Hologram
     openings : sequence of float, optional
-        Radius of what is open in each wavelength's own cone, cycles a pixel; the whole cone, 0.5, when not given.
+        Radius of the opening in each wavelength's own cone, cycles per pixel. Default: 0.5, the whole cone.
 
     Returns
     -------
-    numpy.ndarray, float32, of the same shape
+    numpy.ndarray, float32, shape of `pictures`
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
     grid, (rows, columns) = hologram.picture, pictures.shape[-3:-1]

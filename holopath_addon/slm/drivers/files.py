@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine.errors import InvalidInput
-from ...engine.files import earlier, whole_folder
+from ...engine.files import overwrite_check, whole_folder
 from ...engine.scene import variants
 from ..driver import SHOWN, Info
 from .video import Videos
@@ -69,7 +69,7 @@ class FilesDriver:
         self._rate, self._parts, self._shape, self._raw = rate, [], None, None
         self._whole = whole_folder(
             self._folder,
-            earlier("a sequence of pictures", "pictures.json", others=OTHERS),
+            overwrite_check("a sequence of pictures", "pictures.json", others=OTHERS),
         )
         self._part = self._whole.__enter__()
 

@@ -157,7 +157,7 @@ def test_large_ones_fill_the_pupil():
     assert rim == pytest.approx(middle, rel=0.15)
 
 
-def test_frames_and_colours_are_independent_and_repeatable():
+def test_frames_and_colors_are_independent_and_repeatable():
     surface = Gaussians.of(np.full((2, SIDE, SIDE), 1.0), np.full((SIDE, SIDE), 1e-3), 1e-6)
     two = (GREEN, 516.4e-9)
     wave = blended(job(6, two), surface, np.array([1e-3]), quiet)
@@ -194,14 +194,14 @@ def test_a_dark_surface_hides_what_is_behind(build, camera):
 
 def test_cancel(build, camera):
     scene = build.scene(far=build.plane(1.0, build.emissive(build.grey(1.0))))
-    told = []
+    reports = []
 
     def progress(done, message):
-        told.append((done, message))
+        reports.append((done, message))
         if message == "Gaussians":
             raise engine.Cancelled
 
     with pytest.raises(engine.Cancelled):
         settings = engine.Settings(frames=2, spp=1, method="gaussian")
         engine.render(scene, camera, hologram(), settings, progress=progress)
-    assert told[-1][1] == "Gaussians"
+    assert reports[-1][1] == "Gaussians"

@@ -93,25 +93,25 @@ def test_what_a_network_sees(show):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
-        ("", "set the environment variable HOLOPATH_NETWORK to"),
-        ("own_network", "write 'package.module:function'"),
-        ("own_network:", "write 'package.module:function'"),
+        ("", "Set the environment variable HOLOPATH_NETWORK to"),
+        ("own_network", "Expected HOLOPATH_NETWORK as 'package.module:function'"),
+        ("own_network:", "Expected HOLOPATH_NETWORK as 'package.module:function'"),
         ("no_such_module:flat", "'no_such_module', which cannot be loaded .*No module"),
         ("{folder}/none.py:flat", "none.py', which cannot be loaded .*No such file"),
         ("broken:flat", "'broken', which cannot be loaded .*a_module_that_is_not_there"),
         ("own_network:none", "has no function 'none'"),
         ("own_network:number", "has no function 'number'"),
-        ("own_network:real", "in frame 0 an array of float32: return a NumPy array of complex64"),
-        ("own_network:listed", "in frame 0 list: return a NumPy array of complex64"),
-        ("own_network:turned", r"the shape \(64, 64, 2\): return \(wavelength, y, x\), here \(2, 64, 64\)"),
-        ("own_network:endless", "not finite"),
-        ("own_network:failing", "failed in frame 0 .*weights.*second layer.*: mend the function"),
+        ("own_network:real", "a NumPy array of complex64 .* in frame 0, got an array of float32"),
+        ("own_network:listed", "a NumPy array of complex64 .* in frame 0, got list"),
+        ("own_network:turned", r"the shape \(wavelength, y, x\) = \(2, 64, 64\) .*, got \(64, 64, 2\)"),
+        ("own_network:endless", "Expected finite numbers .* in frame 0, got NaN or infinity"),
+        ("own_network:failing", r"failed in frame 0 .*weights.*second layer.*\. Fix the function"),
     ],
 )
-def test_faults_in_one_sentence(show, name, told):
-    with np.errstate(divide="ignore"), pytest.raises(engine.InvalidInput, match=told) as caught:
+def test_faults_in_one_line(show, name, message):
+    with np.errstate(divide="ignore"), pytest.raises(engine.InvalidInput, match=message) as caught:
         show(name)
     assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
 

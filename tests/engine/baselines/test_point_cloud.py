@@ -1,4 +1,4 @@
-"""Point cloud: the waves of single points, brightness, visibility, frames, planes, cancelling."""
+"""Point cloud: the waves of single points, brightness, visibility, frames, planes, canceling."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def show(backend, monkeypatch):
     def show(radiance, z, frames, progress=lambda done, message: None, wavelengths=RGB, **constants):
         for name, value in constants.items():
             monkeypatch.setattr(point_cloud, name, value)
-        monkeypatch.setattr(point_cloud, "picture_with_depth", lambda job, told: (radiance, z))
+        monkeypatch.setattr(point_cloud, "picture_with_depth", lambda job, on_progress: (radiance, z))
         hologram = engine.Hologram(SIDE, SIDE, PITCH, wavelengths, 1e-3, 6e-3)
         settings = engine.Settings(frames=frames, method="point", seed=5)
         job = BaselineInput(None, None, hologram, settings, 1.0, z.min(), z.max())
@@ -28,7 +28,7 @@ def show(backend, monkeypatch):
 
 
 def wave_at_slm(row, column, z, wavelength, n=384):
-    """Of a unit point on the grid: its plane waves within the recordable circle, by hand."""
+    """The wave of a unit point on the grid: its plane waves within the recordable circle, by hand."""
     f = np.fft.fftfreq(n, PITCH)
     squared = f[:, None] ** 2 + f**2
     kz = 2 * np.pi * np.sqrt(wavelength**-2 - squared)
@@ -107,7 +107,7 @@ def test_a_slanted_picture_is_as_bright_and_nearly_as_sharp_as_the_truth(build, 
     assert engine.psnr(picture, truth, 24) > 17
 
 
-def test_what_is_hidden_from_the_pupils_centre_is_not_shown(build, camera):
+def test_what_is_hidden_from_the_pupils_center_is_not_shown(build, camera):
     """A bright wall behind a black one that covers the left half, seen through the middle of the pupil."""
     near = build.plane(0.5, build.emissive(build.grey(0.0)), 0.1, 0.15, x=-0.1)
     scene = build.scene(wall=build.plane(2.0, build.emissive(build.grey(1.0))), near=near)
@@ -133,11 +133,11 @@ def test_frames_are_independent_however_they_are_grouped(show):
 
 
 def test_progress_rises_to_one_and_may_cancel(show):
-    seen = []
+    fractions = []
     black = np.zeros((3, SIDE, SIDE), np.float32)
     radiance, z = scattered(20, 1e-3, 6e-3)
-    show(radiance, z, 2, lambda done, message: seen.append(done))
-    assert len(seen) > 8 and seen == sorted(seen) and seen[-1] == pytest.approx(1)
+    show(radiance, z, 2, lambda done, message: fractions.append(done))
+    assert len(fractions) > 8 and fractions == sorted(fractions) and fractions[-1] == pytest.approx(1)
 
     def cancel(done, message):
         raise engine.Cancelled

@@ -15,7 +15,7 @@ RED = 640e-9
 
 
 def job_of(side, frames=1, wavelength=GREEN, seed=0):
-    """What the field of given facets takes."""
+    """Input for the field of given facets."""
     hologram = engine.Hologram(side, side, PITCH, (wavelength,), FAR, NEAR)
     settings = engine.Settings(method="polygon", frames=frames, seed=seed)
     return BaselineInput(None, None, hologram, settings, 0.5, FAR, NEAR)
@@ -110,7 +110,7 @@ def test_every_part_of_a_slanted_plane_is_sharp_at_its_own_depth(monkeypatch):
 
 
 def test_a_near_facet_blocks_a_far_one(monkeypatch):
-    """Behind a dark patch nothing shines through, at the far surface's focus only past its edges."""
+    """Nothing shines through from behind a dark patch, and past its edges only at the far surface's focus."""
     side, job = 128, job_of(128, frames=8)
     ones, patch = np.ones((side, side), np.float32), np.zeros((side, side), bool)
     patch[44:84, 44:84] = True
@@ -124,7 +124,7 @@ def test_a_near_facet_blocks_a_far_one(monkeypatch):
     assert at_far[50:78, 43:45].mean() == pytest.approx(0.5, abs=0.1)
 
 
-def test_frames_and_colours_have_phases_of_their_own(monkeypatch):
+def test_frames_and_colors_have_phases_of_their_own(monkeypatch):
     side = 96
     plane = np.ones((side, side), np.float32), np.full((side, side), 2e-3)
     field = field_of(monkeypatch, job_of(side, frames=6), plane)[:, 0].reshape(6, -1)
@@ -138,7 +138,7 @@ def test_frames_and_colours_have_phases_of_their_own(monkeypatch):
 
 
 def test_hidden_facets_keep_their_place_and_radiance(build, camera):
-    """Behind a ball lies the wall that the ball hides, not the ball's own back, and it is as bright as beside it."""
+    """The wall that a ball hides lies behind it, not the ball's own back, and it is as bright as beside it."""
     scene = build.scene(
         wall=build.plane(2.0, build.emissive(build.grey(0.6))),
         ball={"type": "sphere", "center": [0, 0, -0.6], "radius": 0.05, **build.emissive(build.grey(0.2))},
@@ -147,18 +147,18 @@ def test_hidden_facets_keep_their_place_and_radiance(build, camera):
     plan = engine.plan(scene, camera, hologram, engine.Settings())
     settings = engine.Settings(method="polygon", frames=1, spp=8)
     job = BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
-    seen, behind = polygons.sheets_of(job, lambda done, what: None)
+    front, behind = polygons.sheets_of(job, lambda done, what: None)
     hidden = ~np.isnan(behind.z)
     wall = float(job.mapping.depth_to_z(2.0))
     np.testing.assert_allclose(behind.z[hidden], wall, atol=1e-6)
     np.testing.assert_allclose(behind.radiance[0][hidden], 0.6, rtol=1e-4)
-    assert (seen.z[hidden] > wall + 1e-3).all()  # all behind the ball, none beside it
+    assert (front.z[hidden] > wall + 1e-3).all()  # all behind the ball, none beside it
     edge = np.abs(np.hypot(*(np.mgrid[:96, :96] - 47.5)) - _radius(hologram, camera, 0.05, 0.6)) < 3
-    assert hidden[edge & (seen.z > wall + 1e-3)].all()
+    assert hidden[edge & (front.z > wall + 1e-3)].all()
 
 
 def _radius(hologram, camera, radius, distance):
-    """Of a ball's outline, pixels."""
+    """Radius of a ball's outline, pixels."""
     tangent = radius / math.sqrt(distance**2 - radius**2)
     return tangent / math.tan(camera.fov_x / 2) * hologram.width / 2
 

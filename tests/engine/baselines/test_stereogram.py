@@ -49,7 +49,7 @@ def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
 
 @pytest.mark.parametrize("depth", [0.5, pytest.param(0.8, marks=pytest.mark.slow), 2.0])
 def test_a_plane_is_as_bright_as_it_should_be(build, camera, depth):
-    """With something at both ends of the volume, so that the plane lies at any height over the hogels'."""
+    """Objects at both ends of the volume, so that the plane lies at any height over the hogels'."""
     half = 0.5 * np.tan(FOV / 2)
     chips = {
         f"chip_{n}": build.plane(d, build.emissive(build.grey(0.3)), 0.1 * d * half, x=1.8 * d * half)
@@ -90,10 +90,10 @@ def test_views_through_halves_of_the_pupil(build, camera):
     radius = field.mapping.pupil_radius(hologram.max_slope(GREEN))
     for x, y in ((0.6, 0), (0, 0.6)):
         halves = [engine.Pupil(sign * x * radius, sign * y * radius, 0.8 * radius) for sign in (-1, 1)]
-        seen = [engine.reconstruct(field, [1.0], half)[0] for half in halves]
+        images = [engine.reconstruct(field, [1.0], half)[0] for half in halves]
         truth = [engine.reference(scene, camera, hologram, [1.0], half, 32, 0.5)[0] for half in halves]
         for own, other in ((0, 1), (1, 0)):
-            assert engine.psnr(seen[own], truth[own], 16) > 1 + engine.psnr(seen[own], truth[other], 16)
+            assert engine.psnr(images[own], truth[own], 16) > 1 + engine.psnr(images[own], truth[other], 16)
 
 
 def test_frames_are_independent(build, camera):
@@ -111,10 +111,10 @@ def test_frames_are_independent(build, camera):
 
 
 def test_hogels_grow_with_depth_and_hold_a_points_light():
-    from holopath_addon.engine.baselines.stereogram import LEAST, MOST, hogel_side, point_energy
+    from holopath_addon.engine.baselines.stereogram import MAX_SIDE, MIN_SIDE, hogel_side, point_energy
 
     sides = [hogel_side(PITCH, GREEN, reach) for reach in (0.0, 1e-3, 5e-3, 20e-3, 1.0)]
-    assert sides == sorted(sides) and sides[0] == LEAST and sides[-1] == MOST and len(set(sides)) == 3
+    assert sides == sorted(sides) and sides[0] == MIN_SIDE and sides[-1] == MAX_SIDE and len(set(sides)) == 3
     assert not any(side % 2 for side in sides)
     # all windows open, a point on the plane itself would be exp(2 pi i f x) summed over the frequencies in the band
     for spread in (0.0, 10.0, 40.0):
@@ -127,8 +127,8 @@ def test_lit_surfaces(build, camera):
     """Radiance from paths of several vertices."""
     field = render(build.two_planes(build.diffuse), camera, display(), 2, max_depth=3, spp=8)
     truth = engine.reference(build.two_planes(build.diffuse), camera, display(), [2.0], None, 64, 0.5, 3)
-    seen = engine.reconstruct(field, [2.0])[0, 20:-20, 20:-20].mean()
-    assert seen == pytest.approx(truth[0, 20:-20, 20:-20].mean(), rel=0.05)
+    images = engine.reconstruct(field, [2.0])[0, 20:-20, 20:-20].mean()
+    assert images == pytest.approx(truth[0, 20:-20, 20:-20].mean(), rel=0.05)
 
 
 def test_cancelled(build, camera):

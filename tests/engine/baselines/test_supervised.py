@@ -1,4 +1,4 @@
-"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, cancelling."""
+"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, canceling."""
 
 from types import SimpleNamespace
 
@@ -53,19 +53,19 @@ def card_before_wall(build):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
-    """Where no light is missing that the SLM's edge cuts off; colors are found one by one, by all methods alike."""
+    """Brightness away from the light that the SLM's edge cuts off; all methods compute colors one by one."""
     wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
-    colours = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
-    field = render(method, wall, camera, display(colours))
+    colors = (640e-9, GREEN) if method in ("rgbd", "rgbd-sgd") else (GREEN,)
+    field = render(method, wall, camera, display(colors))
     mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
-    assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
+    assert mean == pytest.approx([0.8, 0.3][-len(colors) :], rel=0.05)
 
 
 @pytest.mark.parametrize(
     ("frames", "randomness", "smooth"), [(3, None, True), (6, None, False), (6, 0.1, True)]
 )
 def test_phases_begin_as_random_as_is_set(build, camera, frames, randomness, smooth):
-    """After one step, which turns each by a fifth of a radian at most: around a checkerboard, aimed, or anyhow."""
+    """Phases after one step of at most a fifth of a radian: around a checkerboard, aimed, or random."""
     wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
     hologram = display(side=64)
     field = render("focal-stack", wall, camera, hologram, frames, 1, spp=1, randomness=randomness)
@@ -92,8 +92,8 @@ def test_one_frame_shows_more_than_speckle(build, camera, method, monkeypatch):
     truth = engine.reference(scene, camera, hologram, focus, spp=16, near=0.5, max_depth=1)
 
     def quality():
-        seen = engine.reconstruct(render(method, scene, camera, hologram, 1), focus)
-        return np.mean([engine.psnr(*pair, BORDER) for pair in zip(seen, truth, strict=True)])
+        images = engine.reconstruct(render(method, scene, camera, hologram, 1), focus)
+        return np.mean([engine.psnr(*pair, BORDER) for pair in zip(images, truth, strict=True)])
 
     few = quality()
     monkeypatch.setattr(layers, "light_randomness", lambda frames: 1.0)
@@ -103,15 +103,15 @@ def test_one_frame_shows_more_than_speckle(build, camera, method, monkeypatch):
 
 
 def test_layers_of_one_frame_meet_without_lines(build, camera):
-    """On a slanted plane, over several layers: their light adds up as one wave's."""
+    """A slanted plane over several layers: their light adds up like one wave's."""
     scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5)), slant=50))
     field = render("rgbd", scene, camera, display(), 1, spp=1)
-    seen = inner(engine.reconstruct(field, [1.0])[0])[..., 0].mean(0)
-    assert seen.std() < 0.15 * seen.mean()
+    images = inner(engine.reconstruct(field, [1.0])[0])[..., 0].mean(0)
+    assert images.std() < 0.15 * images.mean()
 
 
 def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
-    """Of a small display not near its image this is much: as much as of any waves that spread over the cone."""
+    """Loss of a small display far from its image: large, as for all waves that spread over the cone."""
     wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
     field = render("rgbd", wall, camera, display(side=64), 8)
     z = float(field.mapping.depth_to_z(1.0))
@@ -124,7 +124,7 @@ def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
 
 
 @pytest.mark.parametrize(
-    ("method", "least"),
+    ("method", "bound"),
     [
         ("rgbd", 14),
         pytest.param("rgbd-sgd", 17, marks=pytest.mark.slow),
@@ -132,18 +132,18 @@ def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
         pytest.param("light-field", 15, marks=pytest.mark.slow),
     ],
 )
-def test_sharp_where_it_is_in_focus(build, camera, method, least):
+def test_sharp_where_it_is_in_focus(build, camera, method, bound):
     """Like a thin lens, and at each depth more like the lens at this one than at the other; of both planes."""
     scene, hologram, focus = card_before_wall(build), display(), [0.5, 2.0]
     field = render(method, scene, camera, hologram, 8)
-    seen = engine.reconstruct(field, focus)
+    images = engine.reconstruct(field, focus)
     truth = engine.reference(scene, camera, hologram, focus, spp=64, near=0.5, max_depth=1)
     card = slice(SIDE // 2 - 24, SIDE // 2 + 24)  # well within it
     for own, other in ((0, 1), (1, 0)):
-        assert engine.psnr(seen[own], truth[own], BORDER) > least
-        assert engine.psnr(seen[own], truth[own], BORDER) > engine.psnr(seen[own], truth[other], BORDER)
+        assert engine.psnr(images[own], truth[own], BORDER) > bound
+        assert engine.psnr(images[own], truth[own], BORDER) > engine.psnr(images[own], truth[other], BORDER)
     # the card's texture is there when it is in focus, and less so when not
-    contrast = [np.corrcoef(s[card, card].ravel(), truth[0][card, card].ravel())[0, 1] for s in seen]
+    contrast = [np.corrcoef(s[card, card].ravel(), truth[0][card, card].ravel())[0, 1] for s in images]
     assert contrast[0] > 0.65 and contrast[0] > contrast[1]
 
 
@@ -213,7 +213,7 @@ def test_phases_of_one_modulus_that_get_better(build, camera, method):
 
 
 def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
-    """Of pictures that phases can show: those of other phases."""
+    """Images that phases can show: those of other phases."""
     rng = np.random.default_rng(5)
     pictures = TargetImages((64, 80), 8e-6, GREEN, [Viewpoint(1e-3), Viewpoint(2e-3), Viewpoint(3e-3)])
     pictures.add(1.7 * np.exp(2j * np.pi * rng.random((3, 64, 80))).astype(np.complex64))
@@ -224,40 +224,40 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
             hologram=SimpleNamespace(wavelengths=(GREEN,)),
             shape=(64, 80),
         )
-        told = []
-        light = phases_for(job, lambda k, on: pictures, lambda done, what: told.append(done))[:, 0]  # noqa: B023
-        assert len(told) == steps and told == sorted(told) and told[-1] == 1
+        reports = []
+        light = phases_for(job, lambda k, on: pictures, lambda done, what: reports.append(done))[:, 0]  # noqa: B023
+        assert len(reports) == steps and reports == sorted(reports) and reports[-1] == 1
         mean = FrameMean(pictures, 1.0, threads)
         losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
-        shown = [mean.look(light, number) for number in range(3)]
+        shown = [mean.image(light, number) for number in range(3)]
         assert np.mean(shown) == pytest.approx(pictures.targets.mean(), rel=0.05)
     assert losses[0] > 2 * losses[1] > 4 * losses[2]
 
 
 @pytest.mark.parametrize("frames", [2, 4])
 def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
-    """On the light that shows pictures, by amplitudes and by intensities; and NumPy goes on where memory runs out."""
-    hologram, told = engine.Hologram(40, 32, 8e-6, (GREEN, 640e-9), 1e-3, 2e-3), []
+    """Light that shows images, by amplitudes and by intensities; NumPy continues where memory runs out."""
+    hologram, reports = engine.Hologram(40, 32, 8e-6, (GREEN, 640e-9), 1e-3, 2e-3), []
     picture = np.random.default_rng(3).random((32, 40)).astype(np.float32)
 
     def pictures(k, on):
-        told.append(type(on))
-        wanted = TargetImages(
+        reports.append(type(on))
+        images = TargetImages(
             (32, 40), 8e-6, hologram.wavelengths[k], [Viewpoint(1e-3), Viewpoint(2e-3)], on=on
         )
-        wanted.targets[...] = arrays.like(np.stack([picture, 1 - picture]), on)
-        return wanted
+        images.targets[...] = arrays.like(np.stack([picture, 1 - picture]), on)
+        return images
 
     def light():
         settings = engine.Settings(frames=frames, fixed={"steps": 3})
         job = BaselineInput(None, None, hologram, settings, 0.5, 1e-3, 2e-3)
         return phases_for(job, pictures, lambda done, what: None), job.notes
 
-    wanted, _ = light()
+    by_numpy, _ = light()
     monkeypatch.setattr(libraries, "empty_array", lambda name: other_library.zeros(0))
     found, notes = light()
-    assert told == [np.ndarray] * 2 + [type(other_library.zeros(0))] * 2 and not notes
-    assert np.quantile(np.abs(found - wanted), 0.99) < 1e-4 * np.abs(wanted).max()
+    assert reports == [np.ndarray] * 2 + [type(other_library.zeros(0))] * 2 and not notes
+    assert np.quantile(np.abs(found - by_numpy), 0.99) < 1e-4 * np.abs(by_numpy).max()
 
     class OutOfMemoryError(RuntimeError):
         pass
@@ -270,7 +270,7 @@ def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
     whole = frame_mean.carried
     monkeypatch.setattr(frame_mean, "carried", carried)
     found, notes = light()
-    np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(found, by_numpy)
     assert notes == [libraries.RAN_OUT]
 
 
@@ -294,29 +294,29 @@ def test_views_of_a_light_field(build, camera):
             pupil, mirrored = (
                 engine.Pupil(sign * x * cone, sign * y * cone, 2 * PART * cone) for sign in (1, -1)
             )
-            seen = engine.reconstruct(field, [1.0], pupil)[0, ..., k : k + 1]
+            images = engine.reconstruct(field, [1.0], pupil)[0, ..., k : k + 1]
             own, other = (
                 engine.reference(scene, camera, hologram, [1.0], p, 64, 0.5, 1)[0, ..., k : k + 1]
                 for p in (pupil, mirrored)
             )
-            assert inner(seen).mean() == pytest.approx(PART**2 * inner(own).mean(), rel=0.05)
-            assert engine.psnr(seen, own, BORDER) > engine.psnr(seen, other, BORDER) + 0.3
+            assert inner(images).mean() == pytest.approx(PART**2 * inner(own).mean(), rel=0.05)
+            assert engine.psnr(images, own, BORDER) > engine.psnr(images, other, BORDER) + 0.3
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("stage", ["first", "last"])
 def test_cancelled(build, camera, method, stage):
-    told = []
+    reports = []
 
     def progress(done, message):
         if message in ("Planning", "Reference"):
             return
         assert 0 <= done <= 1
-        told.append(message)
+        reports.append(message)
         if stage == "first" or message in ("Layers", "Phases"):
             raise engine.Cancelled
 
     settings = engine.Settings(method=method, frames=1, max_depth=1, spp=1)
     with pytest.raises(engine.Cancelled):
         engine.render(card_before_wall(build), camera, display(side=64), settings, progress=progress)
-    assert told[-1] in (("Picture", "Pictures") if stage == "first" else ("Layers", "Phases"))
+    assert reports[-1] in (("Picture", "Pictures") if stage == "first" else ("Layers", "Phases"))

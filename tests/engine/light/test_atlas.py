@@ -6,10 +6,10 @@ import pytest
 TEXEL = 5e-3
 
 
-def grid(build, side, centre, half):
+def grid(build, side, center, half):
     """Vertices [v, u, 3] of a waved square."""
     v, u = np.mgrid[-1 : 1 : 1j * side, -1 : 1 : 1j * side]
-    return np.array(centre) + half * np.stack([u, v, 0.2 * np.sin(3 * u)], axis=-1)
+    return np.array(center) + half * np.stack([u, v, 0.2 * np.sin(3 * u)], axis=-1)
 
 
 def two_parts(build, surface):
@@ -31,21 +31,21 @@ def two_parts(build, surface):
 
 def mixed(build):
     """Charts, triangles too small for them, two instances of a group, and parts of very different size."""
-    T, grey = build.T, build.diffuse(build.grey(0.5))
+    T, gray = build.T, build.diffuse(build.grey(0.5))
     group = {
         "type": "shapegroup",
-        "cube": {"type": "cube", **grey},
-        "ball": build.ball(0.8, [2.5, 0, 0], grey),
+        "cube": {"type": "cube", **gray},
+        "ball": build.ball(0.8, [2.5, 0, 0], gray),
     }
 
     def instance(place):
         return {"type": "instance", "to_world": place, "group": {"type": "ref", "id": "group"}}
 
     return build.scene(
-        ball=build.ball(0.3, [-1, 0, -2], grey),
-        same=build.ball(0.3, [-1, -1, -2], grey),
-        dense=build.mesh(grid(build, 151, [0, 0, -2], 0.3), grey),
-        parts=two_parts(build, grey),
+        ball=build.ball(0.3, [-1, 0, -2], gray),
+        same=build.ball(0.3, [-1, -1, -2], gray),
+        dense=build.mesh(grid(build, 151, [0, 0, -2], 0.3), gray),
+        parts=two_parts(build, gray),
         group=group,
         one=instance(T().translate([1, 0, -2]).rotate([1, 1, 0], 40).scale(0.1)),
         two=instance(T().translate([1, 1, -2]).rotate([0, 1, 0], 200).scale([0.2, 0.1, 0.15])),
@@ -68,8 +68,8 @@ def hits(build, scene, count=1 << 16):
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(3, count)
     box = scene.bbox()
-    centre, radius = mi.Point3f(box.center()), dr.norm(box.extents())
-    origin = centre + radius * mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    center, radius = mi.Point3f(box.center()), dr.norm(box.extents())
+    origin = center + radius * mi.warp.square_to_uniform_sphere(sampler.next_2d())
     target = mi.Point3f(sampler.next_1d(), sampler.next_1d(), sampler.next_1d())
     ray = mi.Ray3f(origin, dr.normalize(mi.Point3f(box.min) + target * mi.Vector3f(box.extents()) - origin))
     met = np.flatnonzero(np.array(scene.ray_intersect_preliminary(ray).is_valid()))
@@ -179,7 +179,7 @@ def test_texels_where_triangles_meet_are_the_same_each_time(build):
 def test_shapes_in_the_same_bounds_keep_their_rows(build):
     """Two crossing sheets in one bounding box, named in either order."""
 
-    def sheet(angle):  # of different colours: Mitsuba makes one mesh of others
+    def sheet(angle):  # of different colors: Mitsuba makes one mesh of others
         place = build.T().rotate([0, 1, 0], angle).scale([0.5, 0.5, 1])
         return {"type": "rectangle", "to_world": place, **build.diffuse(build.grey(0.5 + angle / 1000))}
 
@@ -191,7 +191,7 @@ def test_shapes_in_the_same_bounds_keep_their_rows(build):
 def test_too_many_texels_are_made_larger(build, monkeypatch):
     from holopath_addon.engine.light import atlas
 
-    monkeypatch.setattr(atlas, "MOST_TEXELS", 1 << 16)
+    monkeypatch.setattr(atlas, "MAX_TEXELS", 1 << 16)
     scene = build.scene(a=build.ball(0.3, [0, 0, -1], build.diffuse(build.grey(0.5))))
     laid = laid_out(scene, 5e-4)
     assert laid.layout.coarser > 3 and laid.size < 2 << 16
@@ -200,8 +200,8 @@ def test_too_many_texels_are_made_larger(build, monkeypatch):
 
 @pytest.mark.parametrize("scale", [1e-5, 1e6])
 def test_scale_does_not_matter(build, scale):
-    grey = build.diffuse(build.grey(0.5))
-    scene = build.scene(a=build.ball(scale, [0, 0, 0], grey), b=build.ball(scale, [2 * scale, 0, 0], grey))
+    gray = build.diffuse(build.grey(0.5))
+    scene = build.scene(a=build.ball(scale, [0, 0, 0], gray), b=build.ball(scale, [2 * scale, 0, 0], gray))
     atlas = laid_out(scene, 0.02 * scale)
     surface, front, _ = hits(build, scene, 1 << 12)
     _, known = atlas.texel(surface, front, build.mi.Point2f(0.5))
@@ -214,10 +214,10 @@ def test_broken_triangles_do_no_harm(build):
     flat[3], flat[:, 5] = flat[2], flat[:, 4]
     wild = grid(build, 9, [1, 0, -1], 0.3)
     wild[0, 0], wild[4, 0] = np.nan, np.inf
-    grey = build.diffuse(build.grey(0.5))
-    nothing = build.mesh(0 * flat - 1, grey)
+    gray = build.diffuse(build.grey(0.5))
+    nothing = build.mesh(0 * flat - 1, gray)
     scene = build.scene(
-        a=build.mesh(flat, grey), b=build.mesh(flat, grey), c=nothing, d=build.mesh(wild, grey)
+        a=build.mesh(flat, gray), b=build.mesh(flat, gray), c=nothing, d=build.mesh(wild, gray)
     )
     atlas = laid_out(scene)
     mi = build.mi

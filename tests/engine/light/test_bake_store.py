@@ -125,7 +125,7 @@ def test_a_damaged_file_is_baked_again(store, triangles, kind):
     file = store._file(triangles)
     file.write_bytes(damaged(file.read_bytes(), kind))
     found, note = store.load(triangles)
-    assert found is None and file.name in note and note.endswith("it is baked again.")
+    assert found is None and file.name in note and note.endswith("It is baked again.")
 
 
 def test_no_flipped_bit_escapes(store, triangles, stored):
@@ -207,7 +207,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path, triangles, stored):
     (tmp_path / "file").write_text("in the way")
     store = engine.BakeStore(tmp_path / "file")
     assert store.load(triangles)[0] is None and store.size() == 0 and store.clear() == 0
-    with pytest.raises(engine.InvalidInput, match=f"cannot be kept in {tmp_path}/file .*HOLOPATH_CACHE"):
+    with pytest.raises(engine.InvalidInput, match=f"cannot be stored in {tmp_path}/file .*HOLOPATH_CACHE"):
         store.save(triangles, stored)
 
 
@@ -233,7 +233,7 @@ def test_the_oldest_files_go(store, triangles, stored, monkeypatch):
     for age, name in enumerate(names):
         (store.folder / name).write_bytes(bytes(size))
         os.utime(store.folder / name, (age, age))
-    monkeypatch.setattr(bake_store, "MOST_BYTES", 2 * size + 10)
+    monkeypatch.setattr(bake_store, "MAX_BYTES", 2 * size + 10)
     store.save(triangles, stored)
     assert {file.name for file in store.files()} == {names[2], store._file(triangles).name}
     assert store.clear() == 2 * size and store.files() == []

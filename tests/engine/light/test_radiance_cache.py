@@ -20,7 +20,7 @@ def few_lanes(monkeypatch):
     """Pictures are small here: no need to fill a large launch."""
     from holopath_addon.engine.light import radiance_cache
 
-    monkeypatch.setattr(radiance_cache, "MOST_LANES", 1 << 14)
+    monkeypatch.setattr(radiance_cache, "MAX_LANES", 1 << 14)
 
 
 def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
@@ -41,8 +41,8 @@ def test_groups_together_or_apart(build, camera, monkeypatch):
     """However many are sampled at once, the same light."""
     from holopath_addon.engine.light import gathering, radiance_cache
 
-    monkeypatch.setattr(radiance_cache, "MOST_LANES", 1 << 9)
-    monkeypatch.setattr(radiance_cache, "LEAST_LANES", 1 << 9)
+    monkeypatch.setattr(radiance_cache, "MAX_LANES", 1 << 9)
+    monkeypatch.setattr(radiance_cache, "MIN_LANES", 1 << 9)
     scene, found, parts = build.closed_box(), [], []
     for size in (1, 3, 100):
 
@@ -122,8 +122,8 @@ def moved(x=0.0, z=0.0, turn=0.0):
     return engine.Camera(matrix, FOV)
 
 
-def rgb(*colour):
-    return {"type": "rgb", "value": list(colour)}
+def rgb(*color):
+    return {"type": "rgb", "value": list(color)}
 
 
 def lamp(build, radiance=20.0, scale=1.0):
@@ -241,8 +241,8 @@ def test_branches_of_a_clear_coat_add_up(build, camera):
             ray, sampler = rays(build, camera, 32)
             surface = scene.ray_intersect_preliminary(ray)
             tracer = PathTracer(8, cache=known)
-            colours = tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(whole))
-            light[known is cache, whole] = averages(colours, 32)[: SIZE // 2].mean()
+            colors = tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(whole))
+            light[known is cache, whole] = averages(colors, 32)[: SIZE // 2].mean()
     assert light[True, True] == pytest.approx(light[False, True], rel=0.02)
     assert light[True, False] == pytest.approx(light[False, False], rel=0.02)
     assert light[True, False] < 0.95 * light[True, True]
@@ -428,7 +428,7 @@ def test_broken_files_and_folders_cost_no_picture(build, camera, tmp_path):
     assert done.reused == "all" and done.note == ""
     (tmp_path / "file").write_text("in the way")
     cache, done = bake(scene, camera, engine.BakeStore(tmp_path / "file"), noise=0.1)
-    assert "cannot be kept" in done.note and done.bytes == 0
+    assert "cannot be stored" in done.note and done.bytes == 0
     assert cache.groups
 
 
@@ -479,13 +479,13 @@ def test_surfaces_that_touch(build, camera, monkeypatch):
         return found[-1]
 
     monkeypatch.setattr(gathering._Sampling, "sums", seen)
-    grey, places = build.diffuse(build.grey(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
+    gray, places = build.diffuse(build.grey(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
     bricks = {
-        f"brick_{turn}": build.box([x - 0.05, -0.1, -0.8], [x + 0.05, 0.0, -0.7], grey, turn)
+        f"brick_{turn}": build.box([x - 0.05, -0.1, -0.8], [x + 0.05, 0.0, -0.7], gray, turn)
         for x, turn in places
     }
     bake(
-        stage(build, table=build.box([-0.4, -0.13, -1.1], [0.4, -0.1, -0.3], grey), **bricks),
+        stage(build, table=build.box([-0.4, -0.13, -1.1], [0.4, -0.1, -0.3], gray), **bricks),
         camera,
         noise=0.3,
     )
@@ -593,5 +593,5 @@ def test_plan_chooses_and_tells_why(build, camera):
     assert light(box, method="full", **quick)[0] is False
     assert light(box, method="fast", **quick)[0] is True
     assert light(box, method="fast", max_depth=1, **quick)[0] is False
-    with pytest.raises(engine.InvalidInput, match="choose one of auto, full, fast, direct"):
+    with pytest.raises(engine.InvalidInput, match="Choose one of auto, full, fast, direct"):
         engine.Settings(method="slow")

@@ -26,5 +26,5 @@ def test_an_atlas_goes_only_after_its_threads_have_come_to_rest(monkeypatch):
     for _ in range(12):
         places, size = unwrapping.charts(corners, np.array([[0, 1, 2], [0, 2, 3]]), texels_per_unit=8.0)
         assert places.shape == (2, 3, 2) and min(size) >= 8
-    assert len(unwrapping._resting) == unwrapping.RESTING
-    assert len(rested) >= 12 - unwrapping.RESTING - 1 and min(rested) >= unwrapping.REST
+    assert len(unwrapping._waiting) == unwrapping.MAX_WAITING
+    assert len(rested) >= 12 - unwrapping.MAX_WAITING - 1 and min(rested) >= unwrapping.DELETION_DELAY

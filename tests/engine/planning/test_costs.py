@@ -1,12 +1,12 @@
-"""Seconds that are foretold."""
+"""Estimates of seconds and memory."""
 
 import pytest
 
 from holopath_addon import engine
 
 
-def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
-    """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
+def test_a_slower_machine_needs_more_seconds(build, camera, small, monkeypatch):
+    """Stages that are not timed in the scene take longer by the machine's slowness."""
     from holopath_addon.engine.planning import survey
     from holopath_addon.engine.planning.machine import Slowness
 
@@ -19,24 +19,24 @@ def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
 
 
 @pytest.mark.parametrize("unit", [0.0, 1e-3, 0.02, 0.5])
-def test_launches_are_foretold(backend, monkeypatch, unit):
-    """As many as `paced` makes of units that take so long."""
+def test_launch_count_of_paced_work(backend, monkeypatch, unit):
+    """The estimate is the number of launches that `paced` makes."""
     from holopath_addon.engine import progress
     from holopath_addon.engine.planning import costs
 
     now = 0.0
     monkeypatch.setattr(progress.time, "perf_counter", lambda: now)
-    for units, most in ((1, 4), (7, 4), (40, 4), (300, 64)):
+    for units, limit in ((1, 4), (7, 4), (40, 4), (300, 64)):
         made = 0
-        for part in progress.paced(range(units), most):
+        for part in progress.paced(range(units), limit):
             now += unit * len(part)
             made += 1
-        monkeypatch.setattr(costs, "units_at_once", lambda most=most: most)
-        assert costs.launches(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
+        monkeypatch.setattr(costs, "units_at_once", lambda limit=limit: limit)
+        assert costs.launch_count(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
 
 
 def test_launches_of_many_units_from_the_first(backend, monkeypatch):
-    """As many as a card's `Pace` makes of quick units."""
+    """The estimate is the number of launches that a card's `Pace` makes of quick units."""
     from holopath_addon.engine.planning import costs
     from holopath_addon.engine.progress import Pace
 
@@ -47,11 +47,11 @@ def test_launches_of_many_units_from_the_first(backend, monkeypatch):
             with pace():
                 left -= pace.together
             made += 1
-        assert costs.launches(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)
+        assert costs.launch_count(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)
 
 
 def test_memory_of_a_card_by_stage(build, camera, as_on_a_card):
-    """What holds at least: the field, with what each stage has beside it; and what is too large is the processor's."""
+    """Each stage needs at least the field, and what is too large is left to the processor."""
     hologram = engine.Hologram(128, 64, 8e-6, (640e-9, 500e-9), depth_far=0.5e-3, depth_near=3e-3)
     scene, settings = build.two_planes(build.emissive), engine.Settings(frames=8, planes=1, max_depth=1)
     field = 8 * 128 * 64 * 2 * 8
@@ -76,7 +76,7 @@ def test_memory_of_a_card_by_stage(build, camera, as_on_a_card):
 
 
 def test_batches_that_go_by_a_card_s_memory(build, camera, as_on_a_card, monkeypatch):
-    """They are half of what is free, and the plan says which encodings have smaller ones."""
+    """Batches take half of the free memory, and the plan names the encodings with smaller ones."""
     from holopath_addon.engine import memory
 
     monkeypatch.setattr(memory, "CARD_BATCH", 1 << 20)
@@ -97,7 +97,7 @@ def test_batches_that_go_by_a_card_s_memory(build, camera, as_on_a_card, monkeyp
 
 
 def test_seconds_of_a_card(build, camera, small, as_on_a_card, monkeypatch):
-    """Copies of the field and of phases to the processor count, and waves that do not fit take the processor's time."""
+    """Copies of field and phases to the processor count, and waves that do not fit take the processor's time."""
     from holopath_addon.engine.planning import costs, planner, survey
     from holopath_addon.engine.planning.machine import Slowness
 
@@ -109,11 +109,15 @@ def test_seconds_of_a_card(build, camera, small, as_on_a_card, monkeypatch):
     for free in (64 << 30, 1 << 30, 1 << 10):
         as_on_a_card(free)
         taken[free] = engine.plan(scene, camera, small, settings)
-    large, few, tiny = taken.values()
+    large, small_card, tiny = taken.values()
     field, pixels = 8 * 128 * 128 * 4, 128 * 128 * 4
-    moved = pixels * costs.MOVE
-    assert large.stages["propagation"] == pytest.approx(0.01 * moved + 2 * costs.COPY * field)
-    assert few.stages["propagation"] == large.stages["propagation"]
+    moved = pixels * costs.PROPAGATION_SECONDS
+    assert large.stages["propagation"] == pytest.approx(
+        0.01 * moved + 2 * costs.COPY_SECONDS_PER_BYTE * field
+    )
+    assert small_card.stages["propagation"] == large.stages["propagation"]
     assert tiny.stages["propagation"] == pytest.approx(moved)
-    assert large.phases["sgd"] == pytest.approx(0.01 * pixels * costs.SGD + 2 * costs.COPY * field / 2)
-    assert few.phases["sgd"] == tiny.phases["sgd"] == pytest.approx(pixels * costs.SGD)
+    assert large.phases["sgd"] == pytest.approx(
+        0.01 * pixels * costs.SGD_SECONDS + 2 * costs.COPY_SECONDS_PER_BYTE * field / 2
+    )
+    assert small_card.phases["sgd"] == tiny.phases["sgd"] == pytest.approx(pixels * costs.SGD_SECONDS)

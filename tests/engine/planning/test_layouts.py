@@ -1,4 +1,4 @@
-"""Several recording planes: fewer rays, far things shaded by near ones as waves, mirrors with planes of their own."""
+"""Several recording planes: fewer rays, silhouettes between them, and planes of images in mirrors."""
 
 import math
 
@@ -9,7 +9,7 @@ from holopath_addon import engine
 
 
 def test_three_planes_with_a_tenth_of_the_rays(build, camera):
-    """Each surface on a plane of its own; near focus keeps what lies behind. A deep volume, of many rays."""
+    """Each surface has a plane of its own in a deep volume, which needs many rays with one plane."""
     deep, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 25
     scene, focus = build.three_planes(), [0.5, 1.0, 2.0]
     truth = engine.reference(scene, camera, deep, focus, spp=64, near=0.5)
@@ -42,7 +42,7 @@ def test_a_floor_without_gaps(build, camera, small):
 
 @pytest.mark.slow
 def test_images_in_mirrors_have_planes_of_their_own(build, camera):
-    """A lamp behind the viewer in a mirror beside a near and a far plane: nearer than one plane has it, with less."""
+    """A lamp in a mirror beside a near and a far plane is better recorded than by one plane, with fewer rays."""
     display, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 20
     behind = {
         "type": "rectangle",
@@ -82,7 +82,7 @@ def even_plane(build, slant):
     + [pytest.param(78, j, marks=pytest.mark.slow) for j in range(2, 9)],
 )
 def test_a_surface_goes_on_from_slab_to_slab(build, camera, slant, planes):
-    """As bright as on one plane, without dark or bright columns at the slabs' ends."""
+    """A slanted plane is as bright as on one plane, without dark or bright columns at the ends of slabs."""
     display, scene, edge = (
         engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3),
         even_plane(build, slant),
@@ -101,7 +101,7 @@ def test_a_surface_goes_on_from_slab_to_slab(build, camera, slant, planes):
 
 
 def test_several_planes_never_need_more_rays(build, camera):
-    """A gently slanted plane is near any plane: what many would have at least is more than one has."""
+    """A gently slanted plane is near any recording plane, so that many would need more rays than one."""
     display, scene = engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3), even_plane(build, 40)
     rays = {}
     for planes in (1, 8, "auto"):
@@ -132,15 +132,15 @@ def test_three_shining_planes_by_default(build, camera):
         assert engine.psnr(picture, reference, edge) > 27.5
 
 
-def test_most_rays_are_shared_by_the_planes(build, camera, small):
+def test_planes_share_the_maximum_of_rays(build, camera, small):
     plan = engine.plan(build.floor(), camera, small, engine.Settings(planes=4, spp=60))
     assert len(plan.planes) == 4
     assert 55 < sum(plane.plain + plane.chained for plane in plan.planes) <= 60
     assert any("middle views only" in warning for warning in plan.warnings)
 
 
-def test_no_rays_are_cut_where_as_many_do_on_average(build, camera, small):
-    """What is asked for is compared with all pixels' mean, not with the pixel that needs most."""
+def test_no_rays_are_cut_where_the_mean_suffices(build, camera, small):
+    """The requested rays are compared with the mean of all pixels, not with the pixel that needs most."""
     scene = build.two_planes(build.emissive)
     whole = engine.plan(scene, camera, small)
     enough = math.ceil(sum(plane.plain + plane.chained for plane in whole.planes))

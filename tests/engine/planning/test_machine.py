@@ -1,4 +1,4 @@
-"""How fast a machine is."""
+"""Speed of a machine."""
 
 import ctypes
 import json
@@ -16,7 +16,7 @@ from holopath_addon.engine.planning.machine import Slowness
 
 
 def anew(folder):
-    """As another process finds it."""
+    """Slowness as another process measures it."""
     forget()
     return machine.slowness(folder)
 
@@ -48,32 +48,32 @@ def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="by the library's name there")
-def test_threads_take_their_time_only_while_it_is_asked_for(backend):
-    """Else they keep cores busy for longer after all work that follows; also where that work fails."""
+def test_threads_are_profiled_only_while_work_is_timed(backend):
+    """Profiled threads keep cores busy for longer after all later work. Also where the timed work fails."""
     import drjit as dr
     import mitsuba as mi
 
     pool = ctypes.CDLL(str(Path(dr.__file__).parent / "libnanothread.so"))
-    seen = []
+    profiled = []
 
     def work():
-        seen.append(pool.pool_profile())
+        profiled.append(pool.pool_profile())
         return dr.arange(mi.Float, 1000) + 1
 
     seconds, _, result = machine.timed(work)
     assert seconds > 0 and result[2] == 3
     with pytest.raises(ZeroDivisionError):
         machine.timed(lambda: 1 / (work() is None))
-    assert seen == [1, 1] and pool.pool_profile() == 0
+    assert profiled == [1, 1] and pool.pool_profile() == 0
 
 
 def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
-    """Each figure by itself."""
+    """The minimum of each figure counts, and later measurements wait until the kept ones are old."""
     file = tmp_path / machine.FILE
     for taken, age, expected in (
         ((5, 2, 9), 0, (5, 2, 9)),
         ((1, 3, 1), 1, (5, 2, 9)),
-        ((1, 3, 1), machine.KEPT, (1, 2, 1)),
+        ((1, 3, 1), machine.MAX_AGE_SECONDS, (1, 2, 1)),
     ):
         monkeypatch.setattr(machine, "_measured", lambda library, taken=taken: Slowness(*taken))
         if age:
@@ -84,18 +84,18 @@ def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
 
 
 def test_a_library_s_own_transforms_and_copies_are_timed(backend, as_on_a_card, monkeypatch):
-    """Where its memory is a card's; else nothing is copied, and the processor's transforms count."""
+    """A library in a card's memory is timed with its copies; else nothing is copied, by the processor's transforms."""
     from holopath_addon.engine.waves import arrays, libraries
 
-    for name, less in (("SIDE", 16), ("COPIED", 64), ("LANES", 16)):
-        monkeypatch.setattr(machine, name, less)
+    for name, value in (("SIDE", 16), ("COPIED", 64), ("LANES", 16)):
+        monkeypatch.setattr(machine, name, value)
     kinds, fft2 = [], arrays.fft2
 
-    def seen(waves, **options):
+    def spy(waves, **options):
         kinds.append(type(waves))
         return fft2(waves, **options)
 
-    monkeypatch.setattr(arrays, "fft2", seen)
+    monkeypatch.setattr(arrays, "fft2", spy)
     name, _ = libraries.choose()
     assert machine._measured("numpy").copies == machine._measured(name).copies == 0
     as_on_a_card(1 << 30)

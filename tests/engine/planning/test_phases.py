@@ -1,4 +1,4 @@
-"""Which encoding is chosen for the seconds that there are."""
+"""Choice of the encoding for the seconds available."""
 
 import json
 import math
@@ -24,7 +24,7 @@ def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, along=0, **
 
 
 def planned(costs=COSTS, traversals=3, **settings):
-    """What of a plan decides about its encodings."""
+    """Attributes of a plan that decide about its encodings."""
     from holopath_addon.engine.planning.planner import resolved
 
     requested = engine.Settings(**settings)
@@ -33,7 +33,7 @@ def planned(costs=COSTS, traversals=3, **settings):
 
 
 def test_more_seconds_go_towards_more_frames():
-    """All that is foretold fits, and the descent has most of it; where all wavelengths share rays, the clock tells."""
+    """Estimates fit into the limit, and steps have most of it; with one traversal the clock ends the frames."""
     assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 8, 50)] == [0, 176, 176]
     found = {seconds: chosen(seconds=seconds) for seconds in (1, 4, 8, 20, 50, 1000)}
     assert [each.method for each in found.values()] == ["sgd", "joint", *["refine"] * 4]
@@ -45,8 +45,8 @@ def test_more_seconds_go_towards_more_frames():
             assert COSTS["light"] + each.frames / 24 * SET <= 0.4 * seconds
 
 
-def test_frames_traced_along_need_no_paths():
-    """So that fewer seconds are enough, and more frames come only where there is time for paths."""
+def test_co_traced_frames_need_no_paths():
+    """Fewer seconds suffice, and more frames come only where there is time for paths."""
     found = {seconds: chosen(seconds=seconds, along=24, traversals=1) for seconds in (2, 3, 5, 20)}
     assert [(each.method, each.frames) for each in found.values()] == [
         ("joint", 0),
@@ -83,14 +83,14 @@ def test_frames_traced_along_need_no_paths():
         ("auto", None, {}, 2048, 0),  # would take 2.4 GB
     ],
 )
-def test_what_renders_trace_along(method, seconds, settings, size, along):
+def test_number_of_co_traced_frames(method, seconds, settings, size, along):
     hologram = engine.Hologram(size, size, 8e-6)
     assert engine.frames_along(planned(traversals=1, **settings), hologram, method, seconds) == along
 
 
 @pytest.mark.parametrize("given", [{}, {"seconds": 3}, {"seconds": 3, "speckle": 0.1}])
 def test_advice_is_what_the_advised_seconds_bring(given):
-    """Who follows it gets more frames, and as many steps as it is said of; then there is no more to say."""
+    """With the advised seconds there are more frames and as many steps as promised, and no further advice."""
     before = chosen(**given)
     assert before.method == ("joint" if "seconds" in given else "refine")
     assert before.advice.startswith(f"{before.better:.0f} s of encoding would gain")
@@ -104,7 +104,7 @@ def test_advice_is_what_the_advised_seconds_bring(given):
 
 
 def test_without_a_limit():
-    """Results are then the same on all machines: nothing that was timed decides."""
+    """Without a time limit results are the same on all machines, as no measured time decides."""
     slow = {name: 9 * cost for name, cost in COSTS.items()}
     for costs in (COSTS, slow):
         assert [
@@ -126,7 +126,7 @@ def test_without_a_limit():
 
 
 def test_few_frames_begin_with_phases_that_are_hardly_random():
-    """And look through the whole pupil alone, unless an eyebox is asked for; the reason says so."""
+    """Few frames also use the whole pupil alone, unless an eyebox is requested; the reason says so."""
     found = {frames: chosen(frames=frames) for frames in (1, 2, 3, 5, 6, 7, 8)}
     assert {each.method for each in found.values()} == {"refine"}
     randomness = [each.randomness for each in found.values()]
@@ -148,13 +148,13 @@ def test_methods_without_more_frames():
     for seconds in (None, 100):
         found = engine.plan_encoding(baseline, "auto", seconds)
         assert found.method == "joint" and not found.frames
-    with pytest.raises(engine.InvalidInput, match="choose joint"):
+    with pytest.raises(engine.InvalidInput, match="Choose joint"):
         engine.plan_encoding(baseline, "refine")
     with pytest.raises(engine.InvalidInput, match="no encoding 'best'"):
         chosen("best")
 
 
-def test_memory_that_is_short_is_told(monkeypatch):
+def test_short_memory_is_reported(monkeypatch):
     from holopath_addon.engine import memory
 
     found = chosen("refine")
@@ -167,7 +167,7 @@ def test_memory_that_is_short_is_told(monkeypatch):
 
 
 def test_costs_of_a_real_plan(build, camera, small, monkeypatch):
-    """More frames and colors take as many times longer, and each part has its share.
+    """Estimates are positive, and those of steps are proportional to the frames.
 
     The machine's speed is measured again every ten minutes, which may lie between two plans.
     """
@@ -185,8 +185,8 @@ def test_costs_of_a_real_plan(build, camera, small, monkeypatch):
         assert many[name] == pytest.approx(8 / 7 * one[name])
 
 
-def test_a_plan_of_another_version_is_none(build, camera, small):
-    """So that it is planned again, as its costs have other names."""
+def test_a_plan_of_another_version_is_refused(build, camera, small):
+    """The caller plans again, as the costs have other names."""
     plan = engine.plan(build.two_planes(build.emissive), camera, small)
     values = plan.to_dict()
     assert engine.Plan.from_dict(values) == plan
@@ -250,9 +250,9 @@ print(json.dumps([max(found) - before, plan.phases_memory["refine"]]))
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads what Linux tells of a process")
-def test_refine_takes_the_memory_that_is_told():
-    """One frame in three colors, in a process of its own: the light that is found again is most of it."""
+def test_refine_takes_the_estimated_memory():
+    """One frame in three colors needs memory mostly for the light that is found again."""
     program = [sys.executable, "-c", TAKEN]
     run = subprocess.run(program, capture_output=True, text=True, timeout=600, check=True)
-    taken, told = json.loads(run.stdout.splitlines()[-1])
-    assert 0.4 * told < taken < 1.1 * told + 150e6  # which compiled kernels may take
+    taken, estimate = json.loads(run.stdout.splitlines()[-1])
+    assert 0.4 * estimate < taken < 1.1 * estimate + 150e6  # for compiled kernels

@@ -1,4 +1,4 @@
-"""The first look at a scene."""
+"""The pilot's rays and paths."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from holopath_addon import engine
 
 
 def test_packets_are_chosen_by_the_scene(build, camera):
-    """Not by measured speeds, which now and then would give another field."""
+    """Measured speeds do not choose packets, as fields would then differ now and then."""
     display = engine.Hologram(64, 64, 8e-6, (516.5e-9,), 1e-3, 1.5e-3)
     for cells, coherent in ((4, True), (400, False)):
         x, y = np.meshgrid(np.linspace(-0.3, 0.3, cells + 1), np.linspace(-0.3, 0.3, cells + 1))
@@ -20,7 +20,7 @@ def test_packets_are_chosen_by_the_scene(build, camera):
         assert plans[0] == plans[1]
 
 
-def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monkeypatch):
+def test_compiling_counts_where_the_pilot_compiled(build, camera, small, monkeypatch):
     """A first render's programs are the pilot's and some more."""
     from holopath_addon.engine.planning import pilot
 

@@ -1,4 +1,4 @@
-"""The plan: what it sees, what it decides, what it refuses."""
+"""The plan: its survey, its decisions, and its errors."""
 
 import math
 import re
@@ -32,7 +32,7 @@ def test_flat_picture_needs_few_rays(build, camera, small):
 
 
 def test_many_instances_are_warned_of(build):
-    """With what they cost, which was measured: 0.43 s a launch of 100, 4.3 of 400 and 24.4 of 1000."""
+    """The warning has the measured costs: 0.43 s a launch of 100 instances, 4.3 of 400 and 24.4 of 1000."""
 
     def caution(count):
         group = {"type": "shapegroup", "mesh": {"type": "cube"}}
@@ -65,7 +65,7 @@ def test_too_few_rays_and_too_small_an_aperture_are_warned_of(build, camera, sma
 
 
 def test_drafts_model_little(build, camera, small):
-    """No mirrors, two planes, a few rays a pixel; and nothing to be warned of. What is fixed by hand counts."""
+    """Drafts have no mirrors, two planes and a few rays a pixel, without warnings. Fixed decisions count."""
     parts = {
         "mirror": build.plane(0.8, {"bsdf": {"type": "conductor"}}, 0.2, 0.2, slant=30),
         "pane": build.plane(0.6, build.emissive(build.texture(64, 3)), 0.1, 0.2, x=-0.1),
@@ -139,7 +139,7 @@ def test_impossible_settings_are_refused(change):
 
 
 def test_the_plan_says_how_far_from_focus_designed_fields_serve(build, camera):
-    """60 pitch^2 / wavelength: 7.4 mm at 8 µm in green, 1.6 mm at 3.74 µm."""
+    """The range is 60 pitch^2 / wavelength: 7.4 mm at 8 µm in green, 1.6 mm at 3.74 µm."""
     scene = build.two_planes(build.emissive)
     for pitch, kind, says in (
         (8e-6, "designed", "21%"),
@@ -154,7 +154,7 @@ def test_the_plan_says_how_far_from_focus_designed_fields_serve(build, camera):
 
 
 def difference(field, other):
-    """Relative difference of two fields, but for a phase common to all of a wavelength."""
+    """Relative difference of two fields, up to a common phase of each wavelength."""
     a, b = (np.moveaxis(f.data, 1, 0).reshape(f.data.shape[1], -1) for f in (field, other))
     turn = (a.conj() * b).sum(1, keepdims=True)
     return np.linalg.norm(a * turn / abs(turn) - b) / np.linalg.norm(b)
@@ -166,7 +166,7 @@ def small_display(side=128, wavelengths=(516.5e-9,)):
 
 @pytest.fixture
 def two_balls(build):
-    """Small, in the dark, at two depths."""
+    """Two small balls in the dark, at two depths."""
     return build.scene(
         near=build.ball(0.04, [0, 0, -0.8], build.emissive(build.texture(128, 2))),
         far=build.ball(0.06, [-0.2, 0.1, -1.8], build.emissive(build.texture(128, 4))),
@@ -174,7 +174,7 @@ def two_balls(build):
 
 
 def test_tiles_have_the_rays_that_they_need(two_balls, camera):
-    """Empty ones none; the picture is that of all rays everywhere."""
+    """Empty tiles have no rays; the picture is the same as with all rays everywhere."""
     display, settings = small_display(192), engine.Settings(fixed={"passes": 16})
     plan = engine.plan(two_balls, camera, display, settings)
     field = engine.render(two_balls, camera, display, settings, plan)
@@ -192,7 +192,7 @@ def test_tiles_have_the_rays_that_they_need(two_balls, camera):
 
 
 def test_chains_are_followed_where_mirrors_are_seen(build, camera):
-    """Tiles without any have first hits alone, and the same light."""
+    """Tiles without mirrors have first hits alone, and the same light."""
     scene = build.scene(
         wall=build.plane(1.6, build.emissive(build.texture(128, 1))),
         glass={"type": "sphere", "center": [-0.1, 0, -0.8], "radius": 0.03, "bsdf": {"type": "dielectric"}},
@@ -207,7 +207,7 @@ def test_chains_are_followed_where_mirrors_are_seen(build, camera):
 
 
 def test_surfaces_are_where_they_are_beside_glass(build, camera, small):
-    """Of images outliers are left out; of what is seen straight, a small thing near the viewer is not."""
+    """Outliers of images are left out of the depth range, but no small thing near the viewer."""
     parts = {
         "near": build.plane(0.4, build.emissive(build.texture(64, 3)), 0.003, 0.003),
         "wall": build.plane(2.0, build.emissive(build.texture(64, 3))),
@@ -227,16 +227,14 @@ def test_baselines_need_no_memory_for_what_they_do_not_compute(build, camera):
     assert direct.memory_bytes < 1e9
 
 
-def test_vertices_that_are_fixed_are_those_of_baked_light(build, camera, small):
-    """And of what it is compared with."""
-    from holopath_addon.engine.planning import planner
-
+def test_fixed_vertices_are_the_maximum_depth():
+    """Baked light has them, too, and the paths that it is compared with."""
     settings = planner.resolved(engine.Settings(method="fast", fixed={"max_depth": 2}))
     assert settings.max_depth == 2
 
 
-@pytest.mark.parametrize(("seen", "hits"), [(True, 3), (False, 2)])
-def test_a_lamp_seen_inside_glass_counts_by_its_light(build, camera, seen, hits):
+@pytest.mark.parametrize(("visible", "hits"), [(True, 3), (False, 2)])
+def test_a_lamp_inside_glass_counts_by_its_light(build, camera, visible, hits):
     """A ball's back mirrors a lamp: 4 % in few pixels, of which each is as bright as the wall."""
     place = build.T().look_at(origin=[1.2, 2, 0.6], target=[0, 0, -1.4], up=[0, 1, 0]).scale(1.2)
     area = {"type": "rectangle", "to_world": place, **build.emissive(build.grey(3))}
@@ -244,13 +242,13 @@ def test_a_lamp_seen_inside_glass_counts_by_its_light(build, camera, seen, hits)
     scene = build.scene(
         ball={"type": "sphere", "center": [0, -0.02, -0.6], "radius": 0.05, "bsdf": {"type": "dielectric"}},
         wall=build.plane(2.05, build.diffuse(build.texture(256, 1))),
-        lamp=area if seen else point,
+        lamp=area if visible else point,
     )
     assert engine.plan(scene, camera, small_display(128), engine.Settings()).chain == hits
 
 
-def test_a_chain_that_is_too_short_is_told_of(build, camera):
-    """Between two facing mirrors whose light, but for the middle, is reflected once to four times."""
+def test_a_chain_that_is_too_short_is_warned_of(build, camera):
+    """Two facing mirrors reflect all light but that of the middle one to four times."""
     half = 2 * math.tan(camera.fov_x / 2) / 9
     walls = {}
     for name, side in (("left", 1), ("right", -1)):
@@ -269,7 +267,7 @@ def test_a_chain_that_is_too_short_is_told_of(build, camera):
 
 @pytest.mark.parametrize("kind, chained", [("diffuse", False), ("conductor", True)])
 def test_the_kernel_holds_what_is_planned(build, camera, kind, chained):
-    """No chain, and no curvature, in the program of a diffuse scene."""
+    """The program of a diffuse scene has no chains and no curvature."""
     import drjit as dr
 
     ball = {"type": "sphere", "center": [0, 0, -1], "radius": 0.2, "bsdf": {"type": kind}}
@@ -292,16 +290,16 @@ def test_light_is_followed_as_far_as_it_counts(build, camera):
     assert shining.max_depth == 1 and lit.max_depth == 2 and indirect.max_depth > 4
 
 
-def test_colourless_scenes_have_one_radiance(build, camera):
+def test_colorless_scenes_have_one_radiance(build, camera):
     display = small_display(96, (640e-9, 516.5e-9, 455.4e-9))
-    grey = build.texture(64, 1, channels=1)
+    gray = build.texture(64, 1, channels=1)
     fields = {}
-    for name, texture in (("grey", grey), ("coloured", build.texture(64, 1))):
+    for name, texture in (("gray", gray), ("colored", build.texture(64, 1))):
         scene = build.scene(wall=build.plane(1.0, build.emissive(texture)))
         plan = engine.plan(scene, camera, display)
-        assert plan.grey is (name == "grey")
+        assert plan.grey is (name == "gray")
         fields[name] = scene, plan
-    scene, plan = fields["grey"]
+    scene, plan = fields["gray"]
     settings = engine.Settings(fixed={"passes": 16})
     field = engine.render(scene, camera, display, settings, plan)
     three = engine.render(scene, camera, display, settings, replace(plan, grey=False))
@@ -318,8 +316,8 @@ def test_rays_once_where_no_glass_in_view_disperses(build, camera):
 
 
 @pytest.mark.slow
-def test_the_error_of_the_field_is_foretold_and_measured(build, camera):
-    """Noise of radiance paths, by the plan, by the halves of the paths, and against a field with many more paths."""
+def test_the_error_of_the_field_is_estimated_and_measured(build, camera):
+    """Noise of radiance paths agrees in the plan, in halves of the paths, and against many more paths."""
     scene = build.closed_box()
     display, settings = small_display(128), engine.Settings(method="full", fixed={"passes": 64})
     field = engine.render(scene, camera, display, settings)
@@ -331,7 +329,7 @@ def test_the_error_of_the_field_is_foretold_and_measured(build, camera):
 
 
 def test_more_paths_where_their_halves_differ(build, camera):
-    """Where the plan took too few."""
+    """More paths follow where the plan has too few."""
     scene, display = build.closed_box(), small_display(64)
     settings = engine.Settings(method="full")
     plan = engine.plan(scene, camera, display, settings)
@@ -345,7 +343,7 @@ def test_more_paths_where_their_halves_differ(build, camera):
     assert after < 0.5 * before
 
 
-def test_frames_for_a_wished_speckle(build, camera):
+def test_frames_for_a_target_speckle(build, camera):
     scene, display = build.two_planes(build.emissive), small_display(32)
     for kind in ("random", "designed"):
         settings = engine.Settings(speckle=0.2, phase_field=kind)
@@ -357,8 +355,8 @@ def test_frames_for_a_wished_speckle(build, camera):
         engine.plan(scene, camera, display, engine.Settings(speckle=0.01))
 
 
-def test_what_the_plan_says(build, camera):
-    """Each decision with its reason, savings and errors in words."""
+def test_reasons_of_decisions(build, camera):
+    """Decisions name savings and errors in words."""
     plan = engine.plan(build.two_planes(build.diffuse), camera, small_display(128, (640e-9, 455.4e-9)))
     names = [d.name for d in plan.decisions]
     for name in ("regions", "light bounces", "radiance paths a pixel", "wavelengths", "frames", "padding"):

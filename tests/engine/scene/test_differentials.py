@@ -6,8 +6,8 @@ import pytest
 GLASS = {"bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}}
 
 
-def test_wavefronts_of_curved_surfaces_against_traced_neighbours(build):
-    """Analytic ray differentials give the crossing that neighbouring rays really have, off the axis too."""
+def test_wavefronts_of_curved_surfaces_against_traced_neighbors(build):
+    """Analytic ray differentials give the crossing that neighboring rays really have, off the axis too."""
     import drjit as dr
 
     from holopath_addon.engine.scene.specular_chains import SpecularChains
@@ -18,7 +18,7 @@ def test_wavefronts_of_curved_surfaces_against_traced_neighbours(build):
     chains = SpecularChains(scene, "curvature", 8)
     direction = dr.normalize(mi.Vector3f([0.05], [0.02], [-1.0]))
 
-    # the ray itself, and its neighbours a step aside and turned by a step, to either side along either axis
+    # the ray itself, and its neighbors a step aside and turned by a step, to either side along either axis
     axes = [np.array([a.x[0], a.y[0], a.z[0]], np.float64) for a in mi.coordinate_system(direction)]
     direction, step = np.ravel(direction), 2e-4
     origins, directions = [np.zeros(3)], [direction]

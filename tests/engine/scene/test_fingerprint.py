@@ -58,7 +58,7 @@ def changes(kind, role, given, **others):
         yield pytest.param({role: before}, {role: before | {name.rstrip("_"): value}}, id=f"{kind}-{name}")
 
 
-GREY, RED = {"type": "diffuse"}, {"type": "diffuse", "reflectance": rgb(0.9)}
+GRAY, RED = {"type": "diffuse"}, {"type": "diffuse", "reflectance": rgb(0.9)}
 METAL, GLOSS = {"type": "conductor"}, {"type": "gloss", "roughness": 0.3}
 DISNEY = ("anisotropic", "roughness", "sheen", "sheen_tint", "spec_trans", "spec_tint", "flatness")
 CHANGES = [
@@ -81,14 +81,14 @@ CHANGES = [
     *changes("principled", "bsdf", {}, specular=0.6, eta=1.4),
     *changes("principledthin", "bsdf", {}, base_color=rgb(0.4), eta=1.4, diff_trans=0.3),
     *changes("principledthin", "bsdf", {}, **dict.fromkeys(DISNEY, 0.3)),
-    *changes("twosided", "bsdf", {"a": GREY}, a=RED, b=RED),
-    *changes("mask", "bsdf", {"a": GREY, "opacity": 0.5}, opacity=0.50001, opacity_=bitmap(SPARSE), a=RED),
-    *changes("blendbsdf", "bsdf", {"a": GREY, "b": METAL, "weight": 0.5}, weight=0.50001, a=METAL, b=RED),
-    *changes("bumpmap", "bsdf", {"t": bitmap(), "a": GREY}, scale=1.00001, t=bitmap(changed(PIXELS)), a=RED),
+    *changes("twosided", "bsdf", {"a": GRAY}, a=RED, b=RED),
+    *changes("mask", "bsdf", {"a": GRAY, "opacity": 0.5}, opacity=0.50001, opacity_=bitmap(SPARSE), a=RED),
+    *changes("blendbsdf", "bsdf", {"a": GRAY, "b": METAL, "weight": 0.5}, weight=0.50001, a=METAL, b=RED),
+    *changes("bumpmap", "bsdf", {"t": bitmap(), "a": GRAY}, scale=1.00001, t=bitmap(changed(PIXELS)), a=RED),
     *changes("bumpmap", "bsdf", {"t": bitmap(), "a": METAL}, flip_invalid_normals=False),
     *changes("bumpmap", "bsdf", {"t": bitmap(), "a": METAL}, use_shadowing_function=False),
     *changes(
-        "normalmap", "bsdf", {"normalmap": bitmap(BENT), "a": GREY}, normalmap=bitmap(changed(BENT)), a=RED
+        "normalmap", "bsdf", {"normalmap": bitmap(BENT), "a": GRAY}, normalmap=bitmap(changed(BENT)), a=RED
     ),
     *changes("normalmap", "bsdf", {"normalmap": bitmap(BENT), "a": GLOSS}, flip_invalid_normals=False),
     *changes("normalmap", "bsdf", {"normalmap": bitmap(BENT), "a": GLOSS}, use_shadowing_function=False),
@@ -108,21 +108,21 @@ CHANGES = [
     *changes("matt", "bsdf", {}, reflectance=0.4, roughness=0.4, translucent=True),
     *changes("clear", "bsdf", {}, transmittance=0.9),
     *changes(
-        "mixture", "bsdf", {"a": GREY, "b": GLOSS}, weight=0.50001, weight_=bitmap(), mode="add", mode_="over"
+        "mixture", "bsdf", {"a": GRAY, "b": GLOSS}, weight=0.50001, weight_=bitmap(), mode="add", mode_="over"
     ),
     *changes(
-        "mixture", "bsdf", {"a": GREY, "b": GLOSS}, a=RED, b={"type": "sheen"}, fresnel_ior=1.5, facing=1.5
+        "mixture", "bsdf", {"a": GRAY, "b": GLOSS}, a=RED, b={"type": "sheen"}, fresnel_ior=1.5, facing=1.5
     ),
     *changes(
         "mixture",
         "bsdf",
-        {"a": GREY, "b": GLOSS, "mode": "over", "tint": rgb(0.5)},
+        {"a": GRAY, "b": GLOSS, "mode": "over", "tint": rgb(0.5)},
         tint=rgb(0.6),
         int_ior=1.6,
     ),
-    *changes("mixture", "bsdf", {"a": GREY, "b": GLOSS, "mode": "over"}, tint=rgb(0.5)),
-    *changes("mixture", "bsdf", {"a": GREY, "b": GLOSS, "fresnel_ior": 1.4}, fresnel_ior=1.5),
-    *changes("mixture", "bsdf", {"a": GREY, "b": GLOSS, "facing": 1.4}, facing=1.5),
+    *changes("mixture", "bsdf", {"a": GRAY, "b": GLOSS, "mode": "over"}, tint=rgb(0.5)),
+    *changes("mixture", "bsdf", {"a": GRAY, "b": GLOSS, "fresnel_ior": 1.4}, fresnel_ior=1.5),
+    *changes("mixture", "bsdf", {"a": GRAY, "b": GLOSS, "facing": 1.4}, facing=1.5),
     *changes(
         "dispersive_dielectric", "bsdf", {}, int_ior=1.6, abbe=30.0, ext_ior=1.1, specular_reflectance=0.9
     ),
@@ -268,7 +268,7 @@ def placed(part):
     ((role, part),) = part.items()
     if role == "shape":
         return {"shape": part}
-    shape = {"type": "sphere", "bsdf": GREY}
+    shape = {"type": "sphere", "bsdf": GRAY}
     if role == "light":
         return {"shape": shape, "light": part}
     if role == "texture":
@@ -289,12 +289,12 @@ def test_every_change_is_seen(digest, curves, before, after):
     assert first != other
 
 
-def mesh(mi, vertices, faces, colour=0.5, bsdf=None):
+def mesh(mi, vertices, faces, color=0.5, bsdf=None):
     """A mesh with an attribute of its vertices."""
     properties = mi.Properties()
-    properties["bsdf"] = bsdf or mi.load_dict(GREY)
+    properties["bsdf"] = bsdf or mi.load_dict(GRAY)
     found = mi.Mesh("mesh", len(vertices), len(faces), props=properties, has_vertex_texcoords=True)
-    found.add_attribute("vertex_color", 3, np.full(3 * len(vertices), colour, np.float32))
+    found.add_attribute("vertex_color", 3, np.full(3 * len(vertices), color, np.float32))
     parameters = mi.traverse(found)
     parameters["vertex_positions"], parameters["faces"] = np.ravel(vertices), np.ravel(faces)
     parameters.update()
@@ -350,7 +350,7 @@ def test_instances(mi, digest):
 def boxes():
     """Shapes with equal materials, which Mitsuba merges."""
     return {
-        f"box_{x}": {"type": "cube", "to_world": moved(3 * x, 9, 0), "bsdf": (GREY, RED)[x % 2]}
+        f"box_{x}": {"type": "cube", "to_world": moved(3 * x, 9, 0), "bsdf": (GRAY, RED)[x % 2]}
         for x in range(9)
     }
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-COLOUR = np.array([1.0, 2.0, 4.0])
+COLOR = np.array([1.0, 2.0, 4.0])
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def mi(backend):
 def lamp(mi, kind, to_world=None, **values):
     to_world = mi.ScalarTransform4f() if to_world is None else to_world
     strength = {"point_lamp": "intensity", "area_lamp": "radiance", "sun_lamp": "irradiance"}[kind]
-    return mi.load_dict({"type": kind, "to_world": to_world, strength: COLOUR.tolist(), **values})
+    return mi.load_dict({"type": kind, "to_world": to_world, strength: COLOR.tolist(), **values})
 
 
 def irradiance(mi, emitter, points, normals=(0, 0, 1), count=1 << 16):
@@ -43,15 +43,15 @@ def test_a_disk_faces_every_point(mi):
     for distance, radius in ((2.0, 0.0), (2.0, 0.5), (0.2, 0.5)):
         disk = lamp(mi, "point_lamp", radius=radius)
         (found,) = irradiance(mi, disk, [0, 0, -distance], count=1 << 20)
-        assert found == pytest.approx(COLOUR / (distance**2 + radius**2), rel=5e-3)
+        assert found == pytest.approx(COLOR / (distance**2 + radius**2), rel=5e-3)
 
 
 def test_a_sphere_is_bright_from_outside_and_inside(mi):
     sphere = lamp(mi, "point_lamp", radius=0.5, sphere=True)
     (found,) = irradiance(mi, sphere, [0, 0, -0.8])
-    assert found == pytest.approx(COLOUR / 0.8**2, rel=1e-3)
+    assert found == pytest.approx(COLOR / 0.8**2, rel=1e-3)
     (found,) = irradiance(mi, sphere, [0.1, 0, -0.3])
-    assert found == pytest.approx(COLOUR / 0.5**2, rel=2e-2)
+    assert found == pytest.approx(COLOR / 0.5**2, rel=2e-2)
 
 
 def rectangle(width, height, distance):
@@ -63,17 +63,17 @@ def rectangle(width, height, distance):
 
 def test_areas_shine_down_only(mi):
     (found,) = irradiance(mi, lamp(mi, "area_lamp", width=1.5, height=0.6), [0, 0, -1])
-    assert found == pytest.approx(COLOUR * rectangle(1.5, 0.6, 1.0), rel=3e-3)
+    assert found == pytest.approx(COLOR * rectangle(1.5, 0.6, 1.0), rel=3e-3)
     disk = lamp(mi, "area_lamp", width=1.4, height=1.4, round=True)
     (found,) = irradiance(mi, disk, [0, 0, -1])
-    assert found == pytest.approx(COLOUR * math.pi * 0.7**2 / (1 + 0.7**2), rel=3e-3)
+    assert found == pytest.approx(COLOR * math.pi * 0.7**2 / (1 + 0.7**2), rel=3e-3)
     assert irradiance(mi, disk, [[0, 0, 1], [3, 0, 0]], normals=(0, 0, -1)).max() == 0
 
 
 @pytest.mark.parametrize("spread", [3.0, 1.0, 0.2])
 @pytest.mark.parametrize("round", [False, True])
 def test_slats_keep_the_power(mi, spread, round):
-    """A plane one metre below receives all of it: radiance times pi times the lamp's area."""
+    """A plane one meter below receives all of it: radiance times pi times the lamp's area."""
     size = 0.02
     small = lamp(mi, "area_lamp", width=size, height=size, spread=spread, round=round)
     # light at angles up to 80 degrees; beyond are 3 % of an almost open lamp's
@@ -83,13 +83,13 @@ def test_slats_keep_the_power(mi, spread, round):
     along = irradiance(mi, small, np.stack([middles, 0 * middles, -1 + 0 * middles], 1), count=2048)
     power = (along * np.pi * np.diff(edges**2)[:, None]).sum(0)
     area = size**2 * (math.pi / 4 if round else 1)
-    assert power == pytest.approx(COLOUR * math.pi * area, rel=0.04 if spread == 3.0 else 0.01)
+    assert power == pytest.approx(COLOR * math.pi * area, rel=0.04 if spread == 3.0 else 0.01)
 
 
 def test_no_spread_is_parallel_light(mi):
     wide = lamp(mi, "area_lamp", width=1.0, height=2.0, spread=0.0)
     found = irradiance(mi, wide, [[0.45, 0.9, -3], [0.55, 0.9, -3], [0.45, 1.1, -3]])
-    assert found[0] == pytest.approx(COLOUR * math.pi, rel=1e-2)
+    assert found[0] == pytest.approx(COLOR * math.pi, rel=1e-2)
     assert found[1:].max() == 0
 
 
@@ -105,7 +105,7 @@ def test_a_spot_has_a_smooth_edge_and_takes_scale(mi):
     t = np.clip((cosine - math.cos(cone)) / (blend * (1 - math.cos(cone))), 0, 1)
     expected = t**2 * (3 - 2 * t) / (1 + (places**2).sum(1)) ** 1.5
     assert 0.1 < (t > 0).mean() < (t < 1).mean()
-    assert found == pytest.approx(expected[:, None] * COLOUR, abs=1e-4)
+    assert found == pytest.approx(expected[:, None] * COLOR, abs=1e-4)
 
 
 def test_a_sun_fills_its_disk(mi):
@@ -113,13 +113,13 @@ def test_a_sun_fills_its_disk(mi):
         solid_angle = 2 * math.pi * (1 - math.cos(radius))
         facing = math.pi * math.sin(radius) ** 2 / solid_angle if radius else 1.0
         (found,) = irradiance(mi, lamp(mi, "sun_lamp", radius=radius), [7, 0, -5])
-        assert found == pytest.approx(COLOUR * facing, rel=3e-3)
+        assert found == pytest.approx(COLOR * facing, rel=3e-3)
 
 
 def test_falloff(mi):
     for power in (0, 1, 2):
         (found,) = irradiance(mi, lamp(mi, "point_lamp", falloff=power, unit=0.1), [0, 0, -2], count=1)
-        assert found == pytest.approx(COLOUR / 4 * 20**power, rel=1e-5)
+        assert found == pytest.approx(COLOR / 4 * 20**power, rel=1e-5)
 
 
 def test_profile_is_in_the_lamps_own_frame(mi):
@@ -139,7 +139,7 @@ def test_profile_is_in_the_lamps_own_frame(mi):
     leaving /= np.linalg.norm(leaving, axis=1, keepdims=True)
     found = irradiance(mi, profiled, leaving, normals=-leaving, count=1)
     local = leaving @ np.array(turned.matrix)[:3, :3] / 3
-    assert found == pytest.approx(COLOUR * factor(*local.T), abs=0.02 * COLOUR.max())
+    assert found == pytest.approx(COLOR * factor(*local.T), abs=0.02 * COLOR.max())
 
 
 def test_profiles_of_all_kinds(mi):
@@ -183,13 +183,13 @@ def test_shadows_are_those_of_a_real_emitter(mi, shape):
             "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}},
         },
     }
-    radiance = {"type": "area", "radiance": {"type": "rgb", "value": COLOUR.tolist()}}
+    radiance = {"type": "area", "radiance": {"type": "rgb", "value": COLOR.tolist()}}
     at = T.translate([-0.3, 0.1, 1.2])
     if shape == "rectangle":
-        ours = {"type": "area_lamp", "width": 0.8, "height": 0.4, "radiance": COLOUR.tolist()}
+        ours = {"type": "area_lamp", "width": 0.8, "height": 0.4, "radiance": COLOR.tolist()}
         theirs = {"to_world": at.rotate([1, 0, 0], 180).scale([0.4, 0.2, 1])}
     else:
-        intensity = (COLOUR * math.pi * 0.25**2).tolist()
+        intensity = (COLOR * math.pi * 0.25**2).tolist()
         ours = {"type": "point_lamp", "radius": 0.25, "sphere": True, "intensity": intensity}
         theirs = {"to_world": at.scale(0.25)}
     lit = mi.load_dict({**parts, "lamp": {**ours, "to_world": at}})

@@ -14,7 +14,7 @@ GLASS = {"bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}}
 
 
 def on_axis(build, scene, virtual_image="curvature", branch=0):
-    """Distance of the image that a ray near the axis sees, metres."""
+    """Distance of the image that a ray near the axis sees, meters."""
     from holopath_addon.engine.scene.specular_chains import SpecularChains
 
     mi = build.mi
@@ -32,14 +32,14 @@ def behind(build, place, texture=32, half=1.0):
 
 def sphere_mirror(build, radius):
     """Mirror with its vertex at 1 m: convex for a positive radius, concave for a negative one."""
-    centre = [0, 0, -1 - radius]
+    center = [0, 0, -1 - radius]
     if radius > 0:
-        return {"type": "sphere", "center": centre, "radius": radius, **MIRROR}
+        return {"type": "sphere", "center": center, "radius": radius, **MIRROR}
     # only the part of the sphere beyond the viewer may be there
     return (
         {"type": "disk", **MIRROR}
         if radius == 0
-        else {"type": "sphere", "center": centre, "radius": -radius, "flip_normals": True, **MIRROR}
+        else {"type": "sphere", "center": center, "radius": -radius, "flip_normals": True, **MIRROR}
     )
 
 
@@ -235,7 +235,7 @@ def test_flat_mirror_focuses_at_its_optical_distance(build, camera, small):
 
 
 @pytest.mark.slow
-def test_plastic_shows_its_colour_and_its_mirror_image(build, camera, small):
+def test_plastic_shows_its_color_and_its_mirror_image(build, camera, small):
     """The reflection focuses beyond the surface, what scatters on it."""
     plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.texture(64, 3, 0.1, 0.5)}
     scene = build.scene(plate=turned(build, plastic), side=beside(build), lamp=lamp(build))
@@ -366,8 +366,8 @@ def test_back_faces_are_black(build, camera):
         assert picture[16:-16, 10:14].mean() > 0.5
 
 
-def rough(alpha, **colours):
-    return {"bsdf": {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **colours}}
+def rough(alpha, **colors):
+    return {"bsdf": {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **colors}}
 
 
 def seen_on_axis(build, scene, virtual_image="curvature", splits=0, branch=0, pupil=0.016):
@@ -437,5 +437,5 @@ def test_rough_coat_and_what_it_covers_are_two_branches(build):
 
     whole = light(views[0], None)
     below, coat = (light(view, view.parts) for view in views)
-    share = np.array([float(np.broadcast_to(value, 1)[0]) for value in (views[1].weight / views[1].colour)])
+    share = np.array([float(np.broadcast_to(value, 1)[0]) for value in (views[1].weight / views[1].color)])
     assert below + share * coat == pytest.approx(whole, rel=0.03)

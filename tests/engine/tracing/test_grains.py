@@ -24,7 +24,7 @@ def test_what_light_is_divided_by(build):
         x = mi.Float(np.linspace(-0.2, 0.2, 64))
         ray = mi.Ray3f(mi.Point3f(x, 0.1, 0), mi.Vector3f(0, 0, -1))
         seen = FirstHits().view(scene, ray, mi.UInt32(0))
-        return np.array(grains.shown(scene, seen, mi.Bool(True))[0])
+        return np.array(grains.reflectance_of(scene, seen, mi.Bool(True))[0])
 
     matt, gloss = {"type": "matt", "reflectance": build.grey(0.3)}, {"type": "gloss", "roughness": 0.2}
     for bare in ({"type": "roughdielectric"}, {"type": "roughconductor"}, gloss):
@@ -54,7 +54,7 @@ def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
             ray = mi.Ray3f(mi.Point3f(0.01, 0.01, z), mi.Vector3f(0, 0, -1 - z))
             seen = FirstHits().view(scene, ray, mi.UInt32(0))
             assert seen.surface.is_valid()[0]
-            sides.append(np.array(grains.shown(scene, seen, mi.Bool(True))[0]).ravel())
+            sides.append(np.array(grains.reflectance_of(scene, seen, mi.Bool(True))[0]).ravel())
         np.testing.assert_allclose(*sides, rtol=1e-4)
         assert 0.27 < sides[0].min() and sides[0].max() < 0.35
 
@@ -112,26 +112,28 @@ def test_chunks_together_or_apart(build, camera, monkeypatch):
 
 
 def test_blocks_together_or_apart(build, camera, monkeypatch):
-    """Neighbouring blocks are traced as one where that is quick: the same field, and each of the blocks is given."""
+    """Neighboring blocks are traced as one where that is quick: the same field, and each of the blocks is given."""
     from holopath_addon.engine.tracing import wave_tracer
 
     hologram = engine.Hologram(72, 64, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=3, method="full", quality="preview")
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan, fields, launches = engine.plan(*view), [], []
-    traced = wave_tracer._joined
+    original = wave_tracer._join
     for rays, at_once in ((1 << 22, 1), (1 << 14, 1), (1 << 14, 100)):
 
-        def joined(blocks, most, at_once=at_once):
-            found = traced(blocks[:at_once], most)
-            launches.append(len(found))
-            return found
+        def join(blocks, max_pixels, at_once=at_once):
+            joined = original(blocks[:at_once], max_pixels)
+            launches.append(len(joined))
+            return joined
 
         monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", rays)
-        monkeypatch.setattr(wave_tracer, "_joined", joined)
+        monkeypatch.setattr(wave_tracer, "_join", join)
         monkeypatch.setattr(wave_tracer.Pace, "together", 100, raising=False)
         monkeypatch.setattr(
-            wave_tracer.Pace, "__init__", lambda self, most, first=1: setattr(self, "_most", most)
+            wave_tracer.Pace,
+            "__init__",
+            lambda self, max_units, first=1: setattr(self, "_max_units", max_units),
         )
         fields.append(engine.render(*view, plan).data)
     assert launches.count(1) > 4 and max(launches) > 2
@@ -141,14 +143,14 @@ def test_blocks_together_or_apart(build, camera, monkeypatch):
 def test_sums_ordered_on_a_card_are_the_same(build, camera, monkeypatch):
     """A card orders a launch's sums in its own memory: as the processor does it, in one launch or several."""
     from holopath_addon.engine.scene import variants
-    from holopath_addon.engine.tracing import wave_tracer
+    from holopath_addon.engine.tracing import wave_kernel, wave_tracer
 
     hologram = engine.Hologram(72, 64, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=3, method="full", quality="preview")
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan = engine.plan(*view)
     field = engine.render(*view, plan).data
-    monkeypatch.setattr(wave_tracer, "activate", lambda: variants.CUDA)
+    monkeypatch.setattr(wave_kernel, "activate", lambda: variants.CUDA)
     monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", 1 << 15)
     for at_first in (1, 16):
         monkeypatch.setattr(wave_tracer, "units_at_first", lambda at_first=at_first: at_first)

@@ -12,19 +12,19 @@ SLOPE = math.tan(math.asin(WAVELENGTH / (2 * PITCH)))
 
 
 def summed_kernel(lattice, level, table):
-    """What the lattice's rays add up to from one grain: W times its shares, on the signed offsets."""
+    """Sum of the lattice's rays from one grain: W times the weights, on the signed offsets."""
     offsets = lattice.offsets(PITCH)
     reach = int(offsets.max())
     total = np.zeros((2 * reach + 1, 2 * reach + 1), np.complex128)
-    shares = lattice.shares(offsets[[level]])[1][0]
-    for (i, j), share in zip(lattice.indices, shares, strict=True):
+    weights = lattice.weights(offsets[[level]])[1][0]
+    for (i, j), weight in zip(lattice.indices, weights, strict=True):
         x, y = offsets[level, abs(i)] * (-1) ** (i < 0), offsets[level, abs(j)] * (-1) ** (j < 0)
-        total[reach + y, reach + x] += share * table[level, abs(y), abs(x)]
+        total[reach + y, reach + x] += weight * table[level, abs(y), abs(x)]
     return total
 
 
 def spectra(lattice, level, straight=0.0):
-    """Spectra of what a lattice's rays add up to, and of the angular spectrum method, within the recordable band; and
+    """Spectra of the sum of a lattice's rays, and of the angular spectrum method, within the recordable band; and
     frequencies, cycles a pixel.
     """
     level %= lattice.levels
@@ -53,7 +53,7 @@ def test_rays_sum_to_the_angular_spectrum_kernel(level):
 
 @pytest.mark.parametrize("depth", [0.5e-3, 0.6e-3, 0.8e-3, 1e-3, 1.5e-3, 3e-3])
 def test_kernels_near_the_plane_keep_their_tails(depth):
-    """Cut to 1.15 times the geometric cone, those within a millimetre err by up to 10 % of their energy."""
+    """Cut to 1.15 times the geometric cone, those within a millimeter err by up to 10 % of their energy."""
     lattice = Lattice.of(SLOPE, depth, PITCH)
     for level in (-lattice.levels // 2, -1):
         spectrum, exact, _ = spectra(lattice, level)
@@ -74,8 +74,9 @@ def test_every_depth_has_the_same_energy():
 @pytest.mark.parametrize("straight", [1.0, 0.74, 0.4, 0.0])
 @pytest.mark.parametrize("depth", [0.3e-3, 2.5e-3])
 def test_even_surfaces_are_as_bright_at_every_depth(straight, depth):
-    """Whatever share of their light goes straight on, and the rest everywhere; all of it goes without an error of its
-    phase. The table of random phases is off by half where all is in phase.
+    """Whatever fraction of their light goes straight on, and the rest everywhere; all of it without a phase error.
+
+    The table of random phases is off by half where all is in phase.
     """
     lattice = Lattice.of(SLOPE, depth, PITCH)
     table, plain = (kernel_table(lattice, PITCH, WAVELENGTH, share) for share in (straight, 0.0))
@@ -116,8 +117,8 @@ def test_one_ray_a_grain_at_the_depth_limit():
 
 
 def test_most_bounds_the_rays():
-    assert Lattice.of(SLOPE, 5e-3, PITCH, most=100).rays <= 100
-    assert Lattice.of(SLOPE, 5e-3, PITCH, most=1).rays == 1
+    assert Lattice.of(SLOPE, 5e-3, PITCH, max_rays=100).rays <= 100
+    assert Lattice.of(SLOPE, 5e-3, PITCH, max_rays=1).rays == 1
     # fewer are those in the middle, as close to each other
-    assert Lattice.of(SLOPE, 5e-3, PITCH, most=100).spacing == Lattice.of(SLOPE, 5e-3, PITCH).spacing
+    assert Lattice.of(SLOPE, 5e-3, PITCH, max_rays=100).spacing == Lattice.of(SLOPE, 5e-3, PITCH).spacing
     assert Lattice.of(SLOPE, 1e-9, PITCH).rays > 1

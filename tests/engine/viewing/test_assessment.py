@@ -98,14 +98,14 @@ def test_pupils_lie_within_the_light():
 
 @pytest.mark.parametrize(("x", "diameter"), [(0, 0.4), (0.5, 1), (0.9, 0.6), (0, 2.5), (0.5, 1.6), (0, 2)])
 def test_shares_of_a_part_of_the_pupil(x, diameter):
-    """By counting points; parts are in radii of all that light fills."""
+    """Compared with counted points; parts are in radii of the pupil that light fills."""
     field = points((0, 0, 5e-3))
     radius = field.mapping.pupil_radius(field.hologram.max_slope(WAVELENGTH))
     across, up = np.meshgrid(*[np.linspace(-1, 1, 1001)] * 2)
     inside = np.hypot(across, up) <= 1
-    seen = inside & (np.hypot(across - x, up) <= diameter / 2)
-    (share,) = assessment.shares(field, engine.Pupil(x * radius, 0.0, diameter * radius))
-    assert share == pytest.approx(seen.sum() / inside.sum(), abs=2e-3)
+    covered = inside & (np.hypot(across - x, up) <= diameter / 2)
+    (share,) = assessment.opening_fractions(field, engine.Pupil(x * radius, 0.0, diameter * radius))
+    assert share == pytest.approx(covered.sum() / inside.sum(), abs=2e-3)
 
 
 def test_depth_is_a_slope_in_slices():
@@ -113,8 +113,10 @@ def test_depth_is_a_slope_in_slices():
     for z, sign in ((9e-3, -1), (5e-3, 1)):
         field, focus = points((0, 0, z)), 7e-3
         reach, mapping = 0.5 * assessment.pupil_radius(field), field.mapping
-        seen = [engine.Pupil(x, 0.0, reach / 2) for x in (-reach, reach)]
-        lines = assessment.slices(Refocuser(field), float(mapping.z_to_depth(focus)), seen, N // 2, quiet)
+        pupils = [engine.Pupil(x, 0.0, reach / 2) for x in (-reach, reach)]
+        lines = assessment.epipolar_slices(
+            Refocuser(field), float(mapping.z_to_depth(focus)), pupils, N // 2, quiet
+        )
         at = [int(np.convolve(line, np.ones(5), "same").argmax()) for line in lines[..., 0]]
         slope = reach * mapping.focal / mapping.beta
         assert lines.shape == (2, N, 3)

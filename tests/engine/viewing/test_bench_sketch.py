@@ -8,7 +8,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.viewing import bench_sketch
-from holopath_addon.engine.viewing.bench_sketch import FONT, LETTER, axial_view, drawing
+from holopath_addon.engine.viewing.bench_sketch import FONT, LETTER_WIDTH, axial_view, drawing
 
 PITCH = 8e-6
 
@@ -55,7 +55,9 @@ def test_all_lies_within_and_labels_apart(name, width):
     for line in drawn.lines:
         x, y = line.points.T
         assert x.min() > -1 and x.max() < width + 1 and y.min() > -1 and y.max() < drawn.height + 1, line
-    boxes = [(text.x, text.y - FONT, text.x + LETTER * FONT * len(text.text), text.y) for text in drawn.texts]
+    boxes = [
+        (text.x, text.y - FONT, text.x + LETTER_WIDTH * FONT * len(text.text), text.y) for text in drawn.texts
+    ]
     for left, top, right, bottom in boxes:
         assert left >= 0 and top >= 0 and right <= width + 1 and bottom <= drawn.height
     for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
@@ -77,8 +79,8 @@ def test_to_scale(name):
     assert volume[0, 0] - slm[0, 0] == pytest.approx(1e3 * which.depth_far * along, abs=1e-6)
     assert volume[2, 1] - volume[1, 1] == pytest.approx(-side * across)
     words = [text.text for text in drawn.texts]
-    told = next(text for text in words if text.startswith("across at"))
-    ratio = told.split()[2]
+    sentence = next(text for text in words if text.startswith("across at"))
+    ratio = sentence.split()[2]
     ratio = 1 / float(ratio[2:]) if ratio.startswith("1/") else float(ratio)
     assert across / along == pytest.approx(ratio)
     bars = [line.points for line in drawn.lines if line.role == "ink" and line.width == 2.0]
@@ -121,12 +123,12 @@ def test_light_behind_the_slm(name):
 
 @pytest.mark.parametrize("name", ["auto", "half", "rectangle", "picture"])
 def test_the_fourier_plane(name):
-    """As much is open as light passes, and on the same side."""
+    """The open area is that through which light passes, and on the same side."""
     optics, drawn = HOLOGRAMS[name].optics, drawing(HOLOGRAMS[name])
     areas = [
         line.points for line in drawn.lines if line.role == "light" and line.opacity and len(line.points) == 4
     ]
-    side = bench_sketch.SIDE
+    side = bench_sketch.FOURIER_SIDE
     left, top = drawn.width - side, 1.6 * FONT
     sizes = [np.ptp(p[:, 0]) * np.ptp(p[:, 1]) / side**2 for p in areas]
     axis = np.linspace(-1, 1, 401)

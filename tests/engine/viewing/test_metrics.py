@@ -76,13 +76,13 @@ def test_halves_take_the_noise_of_the_reference_out_of_the_error(smooth):
 
 def test_what_noise_the_halves_leave_is_told(smooth):
     truth, image = smooth
-    found, told = [], []
+    found, deviations = [], []
     for seed in range(12):
         halves = halves_of(truth, 64, seed)
         found.append(metrics.psnr(image, halves))
-        told.append(metrics.psnr_deviation(image, halves))
-    assert np.std(found) == pytest.approx(np.mean(told), rel=0.6)
-    assert metrics.psnr_deviation(image, halves_of(truth, 1024)) < 0.5 * np.mean(told)
+        deviations.append(metrics.psnr_deviation(image, halves))
+    assert np.std(found) == pytest.approx(np.mean(deviations), rel=0.6)
+    assert metrics.psnr_deviation(image, halves_of(truth, 1024)) < 0.5 * np.mean(deviations)
 
 
 def test_a_blurred_reference_has_its_blur_as_its_error(smooth):
@@ -98,7 +98,7 @@ def test_a_blurred_reference_has_its_blur_as_its_error(smooth):
 
 
 def test_a_small_thing_before_black():
-    """Where less than a twentieth is lit, the brightest counts as white."""
+    """The brightest pixel counts as white where less than a twentieth is lit."""
     lit = np.zeros((40, 40, 1))
     lit[18:22, 18:22] = 4.0
     half = lit / 4

@@ -118,7 +118,7 @@ def test_other_views_compile_nothing(build, camera):
     assert all(kernel["cache_hit"] for kernel in kernels)
 
 
-def test_cancelling_leaves_the_picture(build, camera, monkeypatch):
+def test_canceling_leaves_the_picture(build, camera, monkeypatch):
     monkeypatch.setattr(preview, "CHUNK_PATHS", 1000)
     view = engine.Preview(build.two_planes(build.diffuse), camera, *SIZE)
     before = view.refine()

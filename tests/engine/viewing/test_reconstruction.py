@@ -29,7 +29,7 @@ def test_however_many_distances_fit_into_memory_at_once(field, monkeypatch):
     focus = [0.05, 0.5, 3.0, math.inf]
     parts = None, engine.Pupil(0.0, 0.0, 2e-3)
     together = [engine.reconstruct(field, focus, part) for part in parts]
-    monkeypatch.setattr(reconstruction, "MOST_BYTES", 1)
+    monkeypatch.setattr(reconstruction, "MAX_CACHE_BYTES", 1)
     for part, expected in zip(parts, together, strict=True):
         np.testing.assert_array_equal(engine.reconstruct(field, focus, part), expected)
 
@@ -49,27 +49,27 @@ def test_libraries_of_arrays_agree(other_library, field, view, pupil):
     """Near and far, every pixel and every second one, where the field's numbers are of other libraries."""
     focus, hologram = [0.5, 2.0, math.inf, 0.002], replace(field.hologram, **view)
     for apart in (1, 2):
-        wanted, found = (
+        by_numpy, found = (
             engine.Refocuser(replace(field, data=data, hologram=hologram), max_apart=2)(
                 focus, pupil, apart=apart
             )
             for data in (field.data, other_library.asarray(field.data))
         )
         assert isinstance(found, type(other_library.asarray(field.data)))
-        np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
+        np.testing.assert_allclose(np.asarray(found), by_numpy, atol=2e-6 * by_numpy.max())
 
 
 def test_parts_of_the_pupil_in_other_libraries(other_library, field):
     pupils = [engine.Pupil(x, 0.0, 1e-3) for x in (-5e-4, 5e-4)]
-    wanted, found = (
+    by_numpy, found = (
         engine.Refocuser(replace(field, data=data), max_apart=2).through(1.0, pupils, apart=2)
         for data in (field.data, other_library.asarray(field.data))
     )
-    np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
+    np.testing.assert_allclose(np.asarray(found), by_numpy, atol=2e-6 * by_numpy.max())
 
 
 def test_means_over_squares(library):
-    """By counting the points of a fine grid."""
+    """Compared with counted points of a fine grid."""
     rng = np.random.default_rng(0)
     picture, fine = rng.random((2, 6, 9)), 100
     rows, columns = EvenSteps(0.25, 0.5, 10), EvenSteps(1.3, 1.4, 5)
@@ -91,7 +91,7 @@ def test_pupil_outside_the_light_is_refused(field):
 
 
 def test_several_pupils_at_once(field):
-    """As one after another, those of the far field too."""
+    """The same as one after another, in the far field, too."""
     refocus, radius = engine.Refocuser(field, max_apart=4), 2e-3
     pupils = [engine.Pupil(x, 0.3e-3, radius) for x in (-0.5e-3, 0.0, 0.5e-3)]
     for focus in (0.5, math.inf):

@@ -40,7 +40,7 @@ def test_halves_of_a_reference_are_independent(build, camera, display):
 
 
 def test_parts_of_the_pupil_that_lie_beyond_it_are_dark(build, camera, display):
-    """Of a uniform wall every color is as bright where any of its pupil is open, black where none is."""
+    """Every color of a uniform wall is equally bright where any of its pupil is open, and black where none is."""
     scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.7)), 5.0))
     display = replace(display, wavelengths=RGB)
     mapping = DepthMapping.of(display, camera, 0.5)
@@ -66,7 +66,7 @@ def test_other_references_compile_nothing(build, camera, display):
 
 
 def test_light_that_is_no_number_is_left_out(build, camera, display):
-    """Of a broken texel, which is black; beside it nothing is lost."""
+    """A broken texel is black, and nothing beside it is lost."""
     texture = np.full((8, 8, 3), 0.6, np.float32)
     texture[3, 3] = np.nan
     texels = {"type": "bitmap", "data": build.mi.TensorXf(texture), "raw": True, "filter_type": "nearest"}

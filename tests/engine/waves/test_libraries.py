@@ -33,7 +33,7 @@ def test_a_card_without_a_library(card):
     name, advice = libraries.choose()
     assert name == "numpy" and advice == libraries.describe()
     assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
-    assert planner._library({}).warnings == (advice,)
+    assert planner.decide_library({}).warnings == (advice,)
 
 
 def test_the_library_that_is_installed_computes(card):
@@ -43,7 +43,7 @@ def test_the_library_that_is_installed_computes(card):
     name, advice = libraries.choose()
     assert name == "numpy" and "driver version is insufficient" in advice and advice.count(".") == 1
     assert "a newer NVIDIA driver" in advice and "pip" not in advice
-    assert planner._library({}).warnings == (advice,)
+    assert planner.decide_library({}).warnings == (advice,)
 
 
 def test_without_a_card_the_processor_computes(monkeypatch):
@@ -51,7 +51,7 @@ def test_without_a_card_the_processor_computes(monkeypatch):
     monkeypatch.setattr(variants, "on_card", lambda: False)
     assert libraries.choose() == ("numpy", "")
     assert libraries.empty_array("numpy") is libraries.PROCESSOR
-    assert planner._library({}) == planner.Decided("numpy")
+    assert planner.decide_library({}) == planner.Decided("numpy")
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_a_card_that_is_too_small(card, monkeypatch):
     """Is left alone, and the plan says so."""
     card("torch")
     needs = {"wave tracing": 2e9, "propagation": 1e9, "reconstruction": 0.5e9, "sgd": 3e9, "joint": 0.9e9}
-    library = planner._library(needs, ["sgd", "joint"], 1 << 30)
+    library = planner.decide_library(needs, ["sgd", "joint"], 1 << 30)
     assert library.value == "numpy" and not library.warnings
     waves, memory = map(str, library.decisions)
     assert "PyTorch would need 2 GB of the card's memory, of which 1.07 GB are free" in waves
@@ -78,9 +78,9 @@ def test_a_card_that_is_too_small(card, monkeypatch):
         in memory
     )
     assert "(left to the processor: sgd; in smaller batches, which fit: joint)" in memory
-    library = planner._library(needs | {"wave tracing": 1e9}, [], 1 << 30)
+    library = planner.decide_library(needs | {"wave tracing": 1e9}, [], 1 << 30)
     assert library.value == "torch" and "PyTorch" in str(library.decisions[0])
-    assert str(planner._library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
+    assert str(planner.decide_library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
     monkeypatch.setattr(libraries, "empty_array", lambda name: "an array on the card")
     monkeypatch.setattr(libraries, "on_card", lambda array: (8 << 30, 1 << 30))
     data = np.ones(3)

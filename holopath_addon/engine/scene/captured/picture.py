@@ -33,7 +33,7 @@ MIN_JUMP = 0.01
 # Fraction of the picture's shorter side that surfaces go on behind nearer ones and beyond borders: with default volumes
 # infinity shifts by so much against the near end, from the middle of the pupil to its rim.
 REACH = 0.05
-INSET = 0.25  # of a texel: keeps texture coordinates of single pixels off the texel's edge
+INSET = 0.25  # distance of texture coordinates of single pixels from the texel's edge, texels
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,7 @@ class PictureMesh:
     vertices : numpy.ndarray, float32, shape (vertex, 3)
         Meters.
     uv : numpy.ndarray, float32, shape (vertex, 2)
-        Place in the picture: (0, 0) is its top left corner, (1, 1) its bottom right one. Values outside are meant to be
-        mirrored.
+        Place in the picture: (0, 0) is its top left corner, (1, 1) its bottom right one. Values outside are mirrored.
     triangles : numpy.ndarray, int32, shape (triangle, 3)
         They face the camera.
     """
@@ -196,11 +195,11 @@ def picture_mesh(depth: ArrayLike, fov_x: float = FIELD_OF_VIEW, reach: int | No
         at = [(row + y, column + x, 3 - x - 2 * y) for y, x in _SQUARE]
         places = np.stack([np.stack([x, y], -1) for y, x, _ in at], 1).reshape(-1, 2)
         heights = np.stack([values[k][y, x] for y, x, k in at], 1).ravel()
-        seen = np.stack(np.divmod(source[row, column], inverse.shape[1])[::-1], -1)
+        origin = np.stack(np.divmod(source[row, column], inverse.shape[1])[::-1], -1)
         inset = np.array([(abs(x - INSET), abs(y - INSET)) for y, x in _SQUARE])
         first = len(vertices[0])
         vertices.append(_positions(places, heights))
-        uvs.append((seen[:, None] + inset).reshape(-1, 2))
+        uvs.append((origin[:, None] + inset).reshape(-1, 2))
         triangles.append(_halves(first + np.arange(len(places)).reshape(-1, 4)))
 
     size = np.array([width, height])
@@ -214,35 +213,40 @@ def picture_mesh(depth: ArrayLike, fov_x: float = FIELD_OF_VIEW, reach: int | No
     )
 
 
-_SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))  # rows and columns of a pixel's corners, counterclockwise as seen
+_SQUARE = (
+    (0, 0),
+    (1, 0),
+    (1, 1),
+    (0, 1),
+)  # rows and columns of a pixel's corners, counterclockwise to the viewer
 
 
 @dataclass(frozen=True)
 class _Edges:
-    """What jump between two inverse depths is an edge.
+    """Threshold of a jump between two inverse depths that is an edge.
 
     Attributes
     ----------
     relative : float
-        Of the larger one, from pixel to pixel.
-    least : float
+        Fraction of the larger one, per pixel of distance.
+    minimum : float
         Inverse meters.
     """
 
     relative: float
-    least: float
+    minimum: float
 
     def jump(self, first, second, distance=1):
-        """Largest difference of pixels at some distance that is none."""
-        return np.maximum(self.relative * np.maximum(first, second) * distance, self.least)
+        """Largest difference, between pixels at some distance, that is no edge."""
+        return np.maximum(self.relative * np.maximum(first, second) * distance, self.minimum)
 
     def joined(self, first, second):
-        """Whether neighbors are of one surface."""
+        """Whether neighbors belong to one surface."""
         return np.abs(first - second) <= self.jump(first, second)
 
 
 def _corners(inverse, edges):
-    """Inverse depths at the corners of pixels, and which of them are one.
+    """Inverse depths at the corners of pixels, and the corners that are joined.
 
     Parameters
     ----------
@@ -252,7 +256,7 @@ def _corners(inverse, edges):
     Returns
     -------
     values : list of 4 numpy.ndarray, shape (y + 1, x + 1)
-        Of the pixels above left, above right, below left and below right of each corner.
+        Values of the pixels above left, above right, below left and below right of each corner.
     numbers : list of 4 numpy.ndarray of int
         The first of the four with which each of them is joined.
     """
@@ -272,11 +276,11 @@ def _corners(inverse, edges):
         total, count, number = own.copy(), np.ones(own.shape), np.full(own.shape, k, np.int8)
         for other in (3, 2, 1, 0):
             if other != k:
-                with_it = joined[min(k, other), max(k, other)]
-                total += np.where(with_it, pixels[other], 0)
-                count += with_it
+                together = joined[min(k, other), max(k, other)]
+                total += np.where(together, pixels[other], 0)
+                count += together
                 if other < k:
-                    number[with_it] = other
+                    number[together] = other
         values.append(total / count)
         numbers.append(number)
     return values, numbers
@@ -317,16 +321,16 @@ def _positions(places, heights):
 
 
 def _behind(inverse, edges, reach):
-    """What is taken to lie behind nearer surfaces, near their edges.
+    """Continue far surfaces behind nearer ones, near their edges.
 
-    From each edge the far side grows by a pixel at a time below the near one.
+    From each edge the far side grows by a pixel at a time behind the near one.
 
     Returns
     -------
     values : numpy.ndarray, shape (y, x)
-        Inverse depth where there is something.
+        Inverse depth of the hidden surface.
     source : numpy.ndarray of int, shape (y, x)
-        Index of the pixel that its color is from; -1 where there is nothing.
+        Index of the pixel whose color it has; -1 where there is no hidden surface.
     """
     rows, columns = inverse.shape
     flat, lowest = inverse.ravel(), inverse.min()
@@ -344,7 +348,7 @@ def _behind(inverse, edges, reach):
             place.append(there[hidden])
             start.append(edge[hidden])
         place, start = np.concatenate(place), np.concatenate(start)
-        # where several grow, the nearest
+        # of several the nearest
         order = np.argsort(flat[start], kind="stable")[::-1]
         here, first = np.unique(place[order], return_index=True)
         edge = start[order][first]

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import mitsuba as mi
     from numpy.typing import ArrayLike
 
-MAX_POINTS = 4_000_000  # of 228 bytes each, without what traces rays
-# Of a cone, and its height over its radius: on surfaces turned by up to 45 degrees no point is hidden by its neighbors.
+MAX_POINTS = 4_000_000  # of 228 bytes each, without the ray tracer's data
+# Sides of a cone, and its height over its radius: on surfaces turned by up to 45 degrees no point hides its neighbors.
 SIDES, TILT = 6, 1.0
 NEIGHBORS = 4  # on a square grid they are all at the grid's spacing
 # Radius over the distance to the fourth neighbor. Of points at random on a surface, disks leave exp(-4 * 1.2^2) = 0.3 %
@@ -31,7 +31,7 @@ COVERING = 1.2
 # Bounds of a point's distance to its fourth neighbor, times the median of its neighbors' own: points that stand alone
 # are no larger, and copies of a point do not vanish.
 SPACING = 0.1, 3.0
-FRAME = 1.05  # of the points' extent that is in view
+FRAME = 1.05  # width of the view over the points' extent
 VIEWERS = ("front", "origin")
 
 
@@ -52,14 +52,14 @@ def point_scene(
     colors : array_like, shape (point, 3)
         Linear RGB radiance.
     radius : float, optional
-        Of the disks, meters. Default: each point's own, by the distance to its fourth neighbor, so that a surface whose
-        points are spread evenly has no gaps.
+        Radius of the disks, meters. Default: one for each point by the distance to its fourth neighbor, so that a
+        surface whose points are spread evenly has no gaps.
     fov_x : float
         Full horizontal field of view, radians. Default: that of a 50 mm lens on 36 mm of film.
     aspect : float
         Width of the view over its height.
     viewer : {'front', 'origin'}
-        Where the camera stands: before the middle of the points, as near as they are all in view, or at the origin.
+        Place of the camera: before the middle of the points, as near as all are in view, or the origin.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def point_scene(
 
 def _camera(points, fov_x, aspect, viewer):
     if viewer not in VIEWERS:
-        raise InvalidInput(f"There is no viewer '{viewer}' of points: choose {' or '.join(VIEWERS)}.")
+        raise InvalidInput(f"Expected the viewer {' or '.join(VIEWERS)}, got '{viewer}'.")
     to_world = np.eye(4)
     if viewer == "front":
         middle = 0.5 * (points.min(0) + points.max(0))

@@ -1,7 +1,7 @@
-"""Texture type ``views``: radiance of a panel that looks different from each viewpoint, as a light-field display does.
+"""Texture type ``views``: radiance of a panel that depends on the viewpoint, as that of a light-field display.
 
-A ray from the panel passes the plane of the viewpoints, z = 0, somewhere. The panel shines with the texels of the views
-whose viewpoints lie around that place, interpolated between them; beyond the outermost viewpoints their views go on.
+A ray from the panel crosses the plane of the viewpoints, z = 0. The panel has the radiance of the views whose
+viewpoints are around that place, interpolated between them; beyond the outermost viewpoints their views continue.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..fingerprint import text_of_properties
 
 
 class ViewTexture(mi.Texture):
-    """Views as a panel shows them; (0, 0) of its uv is the top left corner of what the middle viewpoint sees.
+    """Texture of a panel that shows views; (0, 0) of its uv is the top left corner of the middle viewpoint's view.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ class ViewTexture(mi.Texture):
     width, height : float
         Distances between the outermost viewpoints, meters; the grid's middle is at the origin.
     shift_x, shift_y : float
-        By how much of a view its content lies farther to the right and down than in the one before; 0 where all views
-        agree on the panel.
+        Shift of a view's content to the right and down from the view before, fraction of a view; 0 if all views agree
+        on the panel.
     """
 
     def __init__(self, props):
@@ -71,7 +71,7 @@ class ViewTexture(mi.Texture):
 
     def _color(self, si):
         towards = si.to_world(si.wi)
-        # where Mitsuba samples lights there is no direction
+        # there is no direction when Mitsuba samples emitters
         way = dr.select(towards.z > 0, -si.p.z / towards.z, 0)
         across = self._viewpoints(si.p.x + way * towards.x, 0)
         down = self._viewpoints(-si.p.y - way * towards.y, 1)

@@ -1,7 +1,7 @@
 """Views from a grid of viewpoints as a scene: a panel that shines as a light-field display does.
 
-What is before or behind the panel is in the views' parallax alone, and no surface is there. So only a method that
-starts from pictures through parts of the pupil shows it.
+Depth before or behind the panel exists in the views' parallax only, without surfaces. So only methods that start from
+pictures through parts of the pupil show it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
     from numpy.typing import ArrayLike
 
-METHODS = ("light-field",)  # that show a panel of views as it is
+METHODS = ("light-field",)  # methods that show a panel of views correctly
 
 
 def view_scene(
@@ -36,8 +36,8 @@ def view_scene(
     """Make a scene of views from a grid of viewpoints, and a camera in the middle of them.
 
     All viewpoints lie in one plane, and all views show the same part of the plane at the focus, which is parallel to
-    it. Between viewpoints the views are interpolated, which is exact at the panel. Beyond the outermost ones those go
-    on.
+    it. Between viewpoints the views are interpolated, which is exact at the panel. The outermost views continue beyond
+    their viewpoints.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def view_scene(
     variants.activate()
     import mitsuba as mi
 
-    half = math.tan(fov_x / 2) * np.array([1, 1 / aspect])  # of a view, at depth 1
+    half = math.tan(fov_x / 2) * np.array([1, 1 / aspect])  # half size of a view at depth 1
     steps = [length / max(1, count - 1) for length, count in zip(span, (columns, rows), strict=True)]
     shift_x, shift_y = (1 / focus - 1 / panel) * np.array(steps) / (2 * half)
     texture = {
@@ -115,7 +115,7 @@ def view_scene(
         "shift_x": float(shift_x),
         "shift_y": float(shift_y),
     }
-    # views that do not agree at the panel reach beyond what the middle one sees of it
+    # views that do not agree at the panel reach beyond the view of the middle one
     beyond = 2 * REACH * half.min() + abs(1 / focus - 1 / panel) * np.array(span) / 2
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (half + beyond)
     vertices = panel * np.column_stack([corners, np.full(4, -1)])

@@ -1,1 +1,1 @@
-"""Meshes of a scene: which of them become one."""
+"""Scenes whose small meshes are joined."""

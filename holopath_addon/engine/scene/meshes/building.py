@@ -1,8 +1,8 @@
-"""From Mitsuba's tree of a scene to the scene, the same in every process.
+"""Construction of scenes from Mitsuba's tree, the same in every process.
 
-Mitsuba joins all meshes of one material. Which of them come first then follows from where materials lie in memory: in
-another process lights have other numbers, so that noise is another one, and programs are compiled anew. Large joined
-meshes have no charts for baked light, and a material on meshes whose normals are flipped and not is refused.
+Mitsuba joins all meshes of one material, in an order that depends on the addresses of materials: in another process
+emitters have other numbers, so that noise differs and programs are compiled again. Large joined meshes have no charts
+for baked light, and Mitsuba rejects a material on meshes with flipped and unflipped normals.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _COLLECTOR = "collected_parts"
 
 
 def configuration() -> Any:
-    """How scenes are parsed, a `mitsuba.parser.ParserConfig`: in one thread, as `variants.made` does."""
+    """Make a `mitsuba.parser.ParserConfig` for scenes: in one thread, see `variants.made`."""
     config = mi.parser.ParserConfig(mi.variant())
     config.parallel = config.merge_meshes = False
     return config
 
 
 def scene_of(parts: dict) -> mi.Scene:
-    """A scene, of what `mitsuba.load_dict` takes."""
+    """Build a scene from a dictionary of `mitsuba.load_dict`."""
     config = configuration()
     state = mi.parser.parse_dict(config, parts)
     mi.parser.transform_all(config, state)
@@ -34,29 +34,29 @@ def scene_of(parts: dict) -> mi.Scene:
 
 
 def built(config: Any, state: Any) -> mi.Scene:
-    """Build a scene with its parts in their order, and small meshes joined that nothing tells apart.
+    """Build a scene with its parts in their order, and join small meshes with the same properties.
 
     Parameters
     ----------
     config : mitsuba.parser.ParserConfig
-        From `configuration`.
+        Result of `configuration`.
     state : mitsuba.parser.ParserState
-        Of a scene, transformed; its root is replaced.
+        Transformed state of a scene; its root is replaced.
 
     Returns
     -------
     mitsuba.Scene
     """
-    parts = _joined(_parts(config, state))
+    parts = _join(_parts(config, state))
     names = {part: part.id() for part in parts.values() if isinstance(part, mi.Object)}
     scene = mi.load_dict({"type": "scene"} | parts, parallel=False)
-    for part, name in names.items():  # which are now those of the dictionary's keys
+    for part, name in names.items():  # load_dict renamed them by the dictionary's keys
         part.set_id(name)
     return scene
 
 
 def _parts(config, state):
-    """Properties of a scene's node, and its parts as objects, by their names."""
+    """Properties of a scene's node and its parts, as objects, by name."""
     root = state.nodes[0]
     root.type = mi.ObjectType.Integrator
     root.props.set_plugin_name(_collector(mi.variant()))
@@ -66,7 +66,7 @@ def _parts(config, state):
 
 @cache
 def _collector(_variant):
-    """Register, in the present variant of Mitsuba's, a plugin that holds whatever it is given; its name."""
+    """Register a plugin that collects its properties, in the current variant of Mitsuba; return its name."""
 
     class Collector(mi.SamplingIntegrator):
         def __init__(self, props):
@@ -77,8 +77,8 @@ def _collector(_variant):
     return _COLLECTOR
 
 
-def _joined(parts):
-    """Parts of a scene of which small meshes are joined, in place of the first of them."""
+def _join(parts):
+    """Join small meshes among the parts of a scene, in place of the first of them."""
     names = [name for name, part in parts.items() if isinstance(part, mi.Shape)]
     shapes = [parts[name] for name in names]
     boxes = [shape.bbox() for shape in shapes]
@@ -97,7 +97,7 @@ def _joined(parts):
 
 
 def _kind(shape):
-    """What meshes have in common that may be joined; None of what stays as it is."""
+    """Properties that meshes must share to be joined; None for a shape that stays as it is."""
     plain = (
         shape.is_mesh()
         and not shape.has_mesh_attributes()

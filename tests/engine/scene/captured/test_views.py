@@ -23,7 +23,7 @@ def looked_through(scene, camera, points, width, height, focus):
 
     pinhole = Preview(scene, camera, width, height, max_depth=1)
     for point in points:
-        pinhole.look(camera, width, height, focus, centre=point)
+        pinhole.look(camera, width, height, focus, center=point)
         yield pinhole.refine(16)
 
 

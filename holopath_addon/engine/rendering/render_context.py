@@ -1,4 +1,4 @@
-"""A planned render: what rays need before they are traced, and the report on all that was."""
+"""Context of a render under way: what rays need before they are traced; and its report."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..tracing.recording import Recording
 
 
-class PlannedRender:
-    """A scene and how it is rendered, once Mitsuba is at work.
+class RenderContext:
+    """Scene, plan, phasors and baked light of a render under way.
 
     Parameters
     ----------
@@ -44,30 +44,23 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        Of square pixels, and as wide as the plan says; behind a lens those of the image there.
+        Those that rays are traced for: with square pixels, as wide as the plan says, and behind a lens of the image
+        there.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
-        How that was done.
+        Record of the bake.
     """
 
-    def __init__(
-        self,
-        scene: mi.Scene,
-        camera: Camera,
-        hologram: Hologram,
-        plan: Plan,
-        clock: Clock,
-    ) -> None:
-        self.scene, view = scene, traced(camera, hologram)
-        self.camera, self.hologram = widened(*view, plan.beside)
-        self.plan, self.clock = plan, clock
+    def __init__(self, scene: mi.Scene, camera: Camera, hologram: Hologram, plan: Plan, clock: Clock) -> None:
+        self.scene, self.plan, self.clock = scene, plan, clock
+        self.camera, self.hologram = widened(*traced(camera, hologram), plan.beside)
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None
 
     @cached_property
     def phasors(self) -> np.ndarray:
-        """Those of the hologram's frames, see `phasors_of`."""
+        """Unit phasors exp(iφ) of the hologram's frames, see `phasors_of`."""
         hologram, settings = self.hologram, self.plan.settings
         with self.clock("phase fields"):
             size = settings.frames, hologram.height, hologram.width
@@ -75,12 +68,12 @@ class PlannedRender:
 
     @property
     def straight(self) -> float:
-        """Share of even surfaces' light that these send straight on, see `straight_share`."""
+        """Fraction of even surfaces' light that the phasors send straight on, see `straight_share`."""
         settings = self.plan.settings
         return straight_share(settings.randomness) if settings.phase_field == "smooth" else 0.0
 
     def bake(self, store: BakeStore | None, progress: Progress) -> None:
-        """Have the baked light that the plan asks for."""
+        """Bake light, or load it from a store, if the plan says so."""
         if not self.plan.cached:
             return
         from ..light.baking import bake
@@ -88,12 +81,13 @@ class PlannedRender:
 
         with self.clock("bake"):
             optics = optics_of(self.scene, self.camera, self.plan)
-            what = self.scene, self.camera, self.hologram, self.plan, optics
-            self.cache, self.baked = bake(*what, store=store, progress=progress)
+            self.cache, self.baked = bake(
+                self.scene, self.camera, self.hologram, self.plan, optics, store=store, progress=progress
+            )
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all; each for itself behind a lens, or where glass in view disperses."""
+        """Wavelengths that share rays: all; each for itself behind a lens, or where glass in view disperses."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths
@@ -103,7 +97,7 @@ class PlannedRender:
 
     @contextmanager
     def recording(self, group: tuple[float, ...]) -> Iterator[Recording]:
-        """The recording planes of a group, and the scene as its wavelengths see it."""
+        """Context manager of a group's `Recording`, with the scene's refractive indices at its wavelengths."""
         from ..scene.dispersion import tuned
 
         with tuned(self.scene, group):
@@ -117,17 +111,17 @@ class PlannedRender:
             camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):
-                plan = planner.once_baked(plan, self.scene, camera, part, self.cache)
+                plan = planner.replan_after_bake(plan, self.scene, camera, part, self.cache)
         with self.clock("optics"):
             return Recording(self.scene, camera, part, plan, self.clock, cache=self.cache)
 
     def error(self, errors: Sequence[float | None]) -> float | None:
-        """Relative standard error of the field, of the radiance maps' halves and of baked light; None where unknown.
+        """Relative standard error of the field by the noise of radiance maps and baked light; None where unknown.
 
         Parameters
         ----------
         errors : sequence of float or None
-            Of the radiance maps, see `Recording.error`.
+            `Recording.error` of each group.
         """
         known = [error for error in errors if error is not None]
         if len(known) < len(errors):
@@ -140,35 +134,37 @@ class PlannedRender:
 
 def report_of(
     plan: Plan,
-    frames: int,
     seconds: dict[str, float],
     rays: dict[str, int],
     passes: int | None,
     error: float | None,
     baked: dict[str, Any] | None,
 ) -> dict[str, Any]:
-    """What `WaveField.report` says of a render.
+    """`WaveField.report` of a render.
 
     Parameters
     ----------
     plan : Plan
-    frames : int
     seconds : dict of str to float
-        Of each stage.
+        Seconds of each stage.
     rays : dict of str to int
-        Traced, by kind.
+        Numbers of traced rays, by kind.
     passes : int or None
-        Radiance paths.
+        Radiance paths a pixel.
     error : float or None
-        See `PlannedRender.error`.
+        See `RenderContext.error`.
     baked : dict or None
         A `Bake`.
+
+    Returns
+    -------
+    dict
     """
     report = {
         "seconds": seconds,
         "rays": rays,
         "variant": variants.activate(),
-        "frames": frames,
+        "frames": plan.settings.frames,
         "radiance_passes": passes,
         "foretold": {
             "seconds": {
@@ -180,8 +176,3 @@ def report_of(
         },
     }
     return report if baked is None else report | {"bake": baked}
-
-
-def added(counts: dict[str, int], more: dict[str, int]) -> dict[str, int]:
-    """Counts of two, by kind."""
-    return {name: counts.get(name, 0) + more.get(name, 0) for name in {**counts, **more}}

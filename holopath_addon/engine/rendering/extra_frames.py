@@ -1,4 +1,4 @@
-"""Many more frames of the light of a rendered field: what their mean shows has hardly any speckle."""
+"""Extra frames of a rendered field's light, whose mean intensity has hardly any speckle."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..memory import AT_ONCE
-from ..planning.phases import LEAST, first_of
+from ..planning.phases import MIN_EXTRA_FRAMES, co_traced_of
 from ..progress import Clock, Stages, named, parts
 from ..scene import variants
 from ..settings import BASELINES
 from ..waves.phase_fields import SETS, designed_phasors
 from .fields import Tracing, at_slm
-from .planned import PlannedRender
+from .render_context import RenderContext
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from ..progress import Progress
 
 FRAMES = 8 * SETS[-1]
-# Of their phases, and of those of the first batch by the clock: no settings have these, so none is a hologram's own.
-SEEDS = (1 << 62) + 1, (1 << 62) + 2
+# Seeds of their phases, and of the first batch with a time limit. Settings cannot have these, so that no extra frame is
+# one of the hologram's own.
+SEED, FIRST_BATCH_SEED = (1 << 62) + 1, (1 << 62) + 2
 
 
 def many_frames(
@@ -44,7 +45,7 @@ def many_frames(
     begin: int = 0,
     clocked: bool = False,
 ) -> Iterator[tuple[list[int], np.ndarray]]:
-    """Fields of frames with other phases than a hologram's, a batch at a time; paths are found once for all.
+    """Fields of frames with other phases than a hologram's, in batches; paths are traced once for all.
 
     Parameters
     ----------
@@ -52,17 +53,18 @@ def many_frames(
     camera : Camera
     hologram : Hologram
     plan : Plan
-        By which the hologram was rendered.
+        Plan by which the hologram was rendered.
     progress : callable
         ``progress(done, message)``, may raise `Cancelled`.
     store : BakeStore, optional
-        Where baked light is kept.
+        Store of baked light.
     count : int
+        Number of extra frames.
     begin : int
-        How many there are already, see `along`.
+        Number of those that were co-traced, and are left out.
     clocked : bool
-        In batches of a set, or `phases.LEAST` in the first, for one who may want no more of them. Default: as many at
-        once as memory allows.
+        Whether the caller may want no more after any batch: batches are sets then, and the first has
+        `MIN_EXTRA_FRAMES`. Default: batches as large as memory allows.
 
     Yields
     ------
@@ -75,36 +77,36 @@ def many_frames(
     """
     if plan.settings.method in BASELINES:
         raise InvalidInput(
-            f"The encoding refine needs many frames, which the method {plan.settings.method} has not: choose joint."
+            f"The encoding refine needs extra frames, which the method {plan.settings.method} does not have. "
+            "Choose joint."
         )
     variants.activate_for(scene)
-    together = 0 if begin or clocked else first_of(count, plan, hologram)
     plan = replace(plan, settings=replace(plan.settings, despeckle=0))
-    planned = PlannedRender(scene, camera, hologram, plan, Clock())
+    context = RenderContext(scene, camera, hologram, plan, Clock())
     stages = Stages(progress, "extra frames")
-    planned.bake(store, stages["baking"])
+    context.bake(store, stages["baking"])
     batches = _batches(count, begin, clocked, hologram)
-    groups, left = planned.groups, list(range(len(hologram.wavelengths)))
-    for group, at in zip(groups, parts(stages["waves"], len(groups)), strict=True):
-        of_group = Stages(at, "waves of extra frames")
+    groups, left = context.groups, list(range(len(hologram.wavelengths)))
+    for group, part in zip(groups, parts(stages["waves"], len(groups)), strict=True):
+        of_group = Stages(part, "waves of extra frames")
         numbers = []
         for wavelength in group:  # two may be equal
             numbers.append(next(k for k in left if hologram.wavelengths[k] == wavelength))
             left.remove(numbers[-1])
-        with planned.recording(group) as recording:
+        with context.recording(group) as recording:
             radiance = recording.radiance(named(of_group["radiance"], "Radiance"))
-            # the first are apart, as when a render traced them along: then all that is made of them is the same
-            first = together
-            for phasors, told in zip(batches, parts(of_group["waves"], len(batches)), strict=True):
-                sets = [some for some in np.split(phasors, [first]) if len(some)]
-                fields = at_slm(recording, Tracing(recording, radiance, *sets), hologram, told)
-                for part in np.split(fields, [first]) if len(sets) > 1 else [fields]:
-                    yield numbers, part
+            # the first frames are a set of their own, as when a render co-traces them, for the same rounding
+            first = 0 if begin or clocked else co_traced_of(count, plan, hologram)
+            for phasors, of_batch in zip(batches, parts(of_group["waves"], len(batches)), strict=True):
+                sets = [each for each in np.split(phasors, [first]) if len(each)]
+                fields = at_slm(recording, Tracing(recording, radiance, *sets), hologram, of_batch)
+                for field in np.split(fields, [first]) if len(sets) > 1 else [fields]:
+                    yield numbers, field
                 first = 0
 
 
-def along(count: int) -> np.ndarray:
-    """Phasors of the first of many frames, for a render that traces them with a hologram's own.
+def co_traced_phasors(count: int) -> np.ndarray:
+    """Phasors of the first extra frames, for a render that co-traces them.
 
     Parameters
     ----------
@@ -114,17 +116,17 @@ def along(count: int) -> np.ndarray:
     -------
     numpy.ndarray, complex64, shape (count, rows, columns)
     """
-    return designed_phasors(count, seed=SEEDS[0])
+    return designed_phasors(count, seed=SEED)
 
 
 def _batches(count, begin, clocked, hologram):
     """Phasors of each batch."""
-    size, some = SETS[-1], []
+    size, batches = SETS[-1], []
     if not clocked:
         size = max(size, AT_ONCE // (8 * hologram.height * hologram.width * len(hologram.wavelengths)))
     elif not begin:
-        some, count = [designed_phasors(LEAST, seed=SEEDS[1])], count - LEAST
+        batches, count = [designed_phasors(MIN_EXTRA_FRAMES, seed=FIRST_BATCH_SEED)], count - MIN_EXTRA_FRAMES
     if begin >= count:
-        return some
+        return batches
     ends = range(size, count, size)
-    return some + np.split(along(count)[begin:], [end - begin for end in ends if end > begin])
+    return batches + np.split(co_traced_phasors(count)[begin:], [end - begin for end in ends if end > begin])

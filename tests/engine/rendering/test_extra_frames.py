@@ -1,4 +1,4 @@
-"""Many more frames of a field's light."""
+"""Extra frames of a field's light."""
 
 from types import SimpleNamespace
 
@@ -6,28 +6,29 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.rendering import many
+from holopath_addon.engine.rendering import extra_frames
 
 
 @pytest.mark.parametrize(
-    ("most_bytes", "clocked", "sizes"),
+    ("max_bytes", "clocked", "sizes"),
     [(1, False, [24] * 4), (1 << 28, False, [24, 72]), (1 << 28, True, [8, 24, 24, 24, 16])],
 )
-def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, clocked, sizes):
-    """However many are traced at once; none is one of the field's own."""
-    monkeypatch.setattr(many, "AT_ONCE", most_bytes)
+def test_their_mean_is_that_of_the_field(build, camera, monkeypatch, max_bytes, clocked, sizes):
+    """The mean is the same for any size of batches, and no extra frame is one of the field's own."""
+    monkeypatch.setattr(extra_frames, "AT_ONCE", max_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=24, quality="preview", seed=1)
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
-    told, batches = [], []
-    more = engine.many_frames(*view[:3], plan, lambda *state: told.append(state), count=96, clocked=clocked)
+    states, batches = [], []
+    more = engine.many_frames(*view[:3], plan, lambda *state: states.append(state), count=96, clocked=clocked)
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
     assert [len(each) for each in batches] == sizes
-    assert [done for done, _ in told] == sorted(done for done, _ in told) and told[-1][0] == 1
+    done = [done for done, _ in states]
+    assert done == sorted(done) and done[-1] == 1
     more = np.concatenate(batches)
     assert more.shape == (96, 2, 48, 48)
     alike = np.einsum("mkyx,nkyx->mn", more.conj(), field.data) / np.square(np.abs(field.data[0])).sum()
@@ -48,8 +49,8 @@ def test_equal_wavelengths_have_frames_each(build, camera):
 
 
 @pytest.mark.parametrize("field", ["designed", "smooth"])
-def test_a_render_traces_the_first_of_them_along(build, camera, small, field):
-    """Its own frames and these are what they are one after another; the next follow, or none where all come along."""
+def test_a_render_co_traces_the_first_of_them(build, camera, small, field):
+    """Both kinds of frames are the same as when traced apart; the rest follows, or nothing where all are co-traced."""
     settings = engine.Settings(frames=2, quality="preview", phase_field=field)
     view = build.two_planes(build.diffuse), camera, small, settings
     plan, count = engine.plan(*view), 30
@@ -68,5 +69,5 @@ def test_a_render_traces_the_first_of_them_along(build, camera, small, field):
 
 def test_other_methods_have_none(camera):
     hologram, plan = engine.Hologram(32, 32, 8e-6), SimpleNamespace(settings=engine.Settings(method="point"))
-    with pytest.raises(engine.InvalidInput, match="choose joint"):
+    with pytest.raises(engine.InvalidInput, match="Choose joint"):
         next(engine.many_frames(None, camera, hologram, plan, lambda *_: None))

@@ -1,0 +1,58 @@
+"""The running job: its progress in words, and the traces of its operator in the window."""
+
+import math
+
+import bpy
+
+from .state import current
+
+
+def running():
+    """Whether a hologram is being rendered, or light baked."""
+    return current.job is not None and current.job.running
+
+
+def progress_text(job):
+    """Describe the progress of a `Job`: ``42% Wave tracing, 12 s left``, or ``Compiling…`` while it is 0."""
+    activity, remaining = "Compiling" if job.compiling else job.message, job.remaining
+    if job.canceling:
+        return "Canceling…"
+    if not job.done:
+        return f"{activity}…"
+    return f"{job.done:.0%} {activity}" + ("" if remaining is None else f", {math.ceil(remaining)} s left")
+
+
+def restore_window(deferred=False):
+    """Take back what the running operator changed in the window, once.
+
+    Parameters
+    ----------
+    deferred : bool
+        See `undo_window_change`.
+    """
+    undo, current.restore_window = current.restore_window, None
+    if undo is not None:
+        undo_window_change(undo, deferred)
+
+
+def undo_window_change(undo, deferred):
+    """Call a function that takes back a change of the window.
+
+    Blender frees an unregistered operator at the window's next event, and crashes if another operator starts before.
+
+    Parameters
+    ----------
+    undo : callable
+        Called without arguments.
+    deferred : bool
+        Call it when the operator's timer has fired once more, not now.
+    """
+    if deferred:
+        bpy.app.timers.register(undo, first_interval=0.5)
+    else:
+        undo()
+
+
+def end_timer(timer, deferred=False):
+    """Remove an operator's `bpy.types.Timer`; `deferred` as in `undo_window_change`."""
+    undo_window_change(lambda: bpy.data.window_managers[0].event_timer_remove(timer), deferred)
