@@ -77,7 +77,7 @@ def test_where_the_camera_looks_there_and_back(bench):
 
 @pytest.mark.slow
 def test_what_the_model_does_not_know_is_made_up_for(bench):
-    """On the bench itself, between the foci as well; the camera's own figure rises, too."""
+    """Compare on the bench itself, also between the foci; the camera's PSNR increases, too."""
     bench, calibration = bench
     field = field_of()
     phase = encoded(field, calibration)
@@ -111,7 +111,7 @@ def test_stopped_in_the_middle_keeps_the_best(bench):
 
 @pytest.mark.parametrize("library", ["array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)])
 def test_libraries_of_arrays_agree(library, bench, threads):
-    """By a camera that always sees the same: phases are of the library that they were of, and go the same way."""
+    """Use a camera whose picture is always the same: phases are of the same library, and change alike."""
     library = pytest.importorskip(library)
     calibration, field = bench[1], field_of()
     phase, found = engine.encode(field, "sgd", max_steps=1), []
@@ -121,10 +121,10 @@ def test_libraries_of_arrays_agree(library, bench, threads):
         tuned = slm.tune(own, field, lambda levels, distance: picture, calibration, GREEN, rounds=1)
         assert isinstance(tuned.data, type(own.data))
         loop = _Loop(own, field, calibration, 0, threads)
-        loop.descend(loop.seen(lambda levels, distance: picture)[1], 0.1)
+        loop.descend(loop.compare(lambda levels, distance: picture)[1], 0.1)
         found.append((np.exp(1j * np.asarray(loop.phases.values())), tuned.report["tuned"][0]["psnr_db"]))
-    (wanted, decibels), (values, others) = found
-    assert np.quantile(np.abs(values - wanted), 0.99) < 1e-3
+    (expected, decibels), (values, others) = found
+    assert np.quantile(np.abs(values - expected), 0.99) < 1e-3
     assert others == pytest.approx(decibels, abs=1e-4)
     assert np.median(np.abs(values - np.exp(1j * phase.data[:, 0]))) > 0.05
 
@@ -139,24 +139,27 @@ def on(phase, **optics):
 
 ELSEWHERE = dict.fromkeys(FOCI, (1, 0, 9, 0, 1, 0, 0, 0))
 REFUSED = {
-    "The hologram has no 520 nm, only 640 nm": lambda c, p: (
+    "Expected a wavelength of the hologram, 640 nm, got 520 nm": lambda c, p: (
         c,
         replace(p, hologram=replace(p.hologram, wavelengths=(640e-9,))),
     ),
-    "one color where the panel shows it": lambda c, p: (
+    "pixel positions that depend on color": lambda c, p: (
         c,
         on(p, color_distance=(1e-4,)),
     ),
     "a beam and a stop of its own": lambda c, p: (c, on(p, stop=engine.Stop("half"))),
-    "no lens with a picture behind it": lambda c, p: (c, on(p, lens=engine.Lens(0.1))),
-    "neither turned": lambda c, p: (replace(c, flip_x=True), p),
+    "no lens behind it": lambda c, p: (c, on(p, lens=engine.Lens(0.1))),
+    "neither mirrored": lambda c, p: (replace(c, flip_x=True), p),
     "run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
-    "No focus of the calibration lies within the volume, 2 to 7 mm": lambda c, p: (
+    "No focus of the calibration is within the volume, 2 to 7 mm": lambda c, p: (
         of_camera(c, homographies={9e-3: (1, 0, 0, 0, 1, 0, 0, 0)}),
         p,
     ),
     "The camera sees 0% of the hologram": lambda c, p: (of_camera(c, homographies=ELSEWHERE), p),
-    "The camera's picture has 34 x 34 pixels": lambda c, p: (of_camera(c, shape=(20, 20)), p),
+    "Expected 20 x 20 pixels in the camera's picture, as at the calibration, got 34 x 34": lambda c, p: (
+        of_camera(c, shape=(20, 20)),
+        p,
+    ),
 }
 
 
@@ -188,7 +191,7 @@ def test_refusals(says, bench):
 
 @pytest.mark.slow
 def test_command(bench, tmp_path, monkeypatch, capsys):
-    """With the simulated bench; once it is interrupted, once not, and with too little said."""
+    """Run it on the simulated bench: with a missing option, to its end, and interrupted."""
     _, calibration = bench
     field = field_of()
     field.save(tmp_path / "out" / "wavefield")

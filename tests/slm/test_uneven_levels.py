@@ -85,7 +85,7 @@ def test_by_command_line(field, tmp_path, capsys):
     assert cli.main([*words, "--response", str(text)]) == 2
     assert "no phases" in capsys.readouterr().err
     assert cli.main([*words, "--response", str(tmp_path / "plm.json"), "--bits", "4"]) == 2
-    assert "leave out the bits" in capsys.readouterr().err
+    assert "Omit the bits" in capsys.readouterr().err
 
 
 def test_levels_scale_with_the_wavelength(tmp_path):
@@ -99,7 +99,7 @@ def test_levels_scale_with_the_wavelength(tmp_path):
 @pytest.mark.parametrize(
     ("levels", "says"),
     [
-        ([[0, 1], [0, 1]], "levels of 2 wavelengths for 1"),
+        ([[0, 1], [0, 1]], "one set of levels for each of the wavelengths, 1, got 2"),
         ([[0, TURN]], "two or more"),
         ([[0, math.nan]], "two or more"),
     ],

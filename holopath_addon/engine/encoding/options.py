@@ -159,10 +159,10 @@ class EncodingOptions:
 
     def _check_sizes(self, field):
         data = field.data
-        for values, name in ((self.display, "display models"), (self.levels, "sets of levels")):
+        for values, name in ((self.display, "display model"), (self.levels, "set of levels")):
             if values is not None and len(values) != data.shape[1]:
                 raise InvalidInput(
-                    f"Expected {data.shape[1]} {name}, one for each wavelength, got {len(values)}."
+                    f"Expected one {name} for each of the wavelengths, {data.shape[1]}, got {len(values)}."
                 )
         for levels in self.levels or ():
             for name in ("correction", "variation"):

@@ -94,7 +94,7 @@ class PhaseHologram:
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(
-                f"Expected {self.data.shape[1]} sets of levels, one for each wavelength, got {len(levels)}."
+                f"Expected one set of levels for each of the wavelengths, {self.data.shape[1]}, got {len(levels)}."
             )
         gains = arrays.like(np.asarray(self.gains, np.float32)[:, None, None], self.data)
         if display is None:

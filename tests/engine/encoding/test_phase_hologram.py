@@ -79,9 +79,9 @@ def test_close_wavelengths_have_files_of_their_own():
 @pytest.mark.parametrize(
     ("count", "others", "says"),
     [
-        (1, {}, "levels of 1 wavelengths for 2"),
-        (2, {"modulator": engine.Modulator(bits=4)}, "leave out either"),
-        (2, {"display": [None, None]}, "leave out either"),
+        (1, {}, "one set of levels for each of the wavelengths, 2, got 1"),
+        (2, {"modulator": engine.Modulator(bits=4)}, "Omit one of them"),
+        (2, {"display": [None, None]}, "Omit one of them"),
     ],
 )
 def test_levels_that_do_not_go_with_it(count, others, says, field):
