@@ -201,7 +201,7 @@ class Triangles:
         self._children = loaded(mi.UInt32, children)
 
     def row(self, surface: mi.PreliminaryIntersection3f, active: mi.Bool | bool = True) -> tuple:
-        """Owner and row of the triangle that a ray hits, and whether it has a row (Dr.Jit types)."""
+        """Owner and row of the triangle of a ray's intersection, and whether it has a row (Dr.Jit types)."""
         shape = dr.reinterpret_array(mi.UInt32, surface.shape)
         instance = dr.reinterpret_array(mi.UInt32, surface.instance)
         owner = dr.select(instance != 0, instance, shape)
@@ -252,7 +252,7 @@ class AtlasLayout:
     laid: np.ndarray
 
     def serves(self, triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) -> bool:
-        """Whether the layout meets a request to `lay_out`, up to a factor of two in the size of texels."""
+        """Whether the layout meets a request to `lay_out`, whose texels may be half as large."""
         if self.laid.tolist() != [mesh.first for mesh in triangles.meshes]:
             return False
         available = {(triangles.owners[owner].number, side) for owner, side in self.copies[:, :2]}

@@ -78,7 +78,7 @@ class Stored:
 
     @classmethod
     def of(cls, cache: RadianceCache, digest: str, noise: float, max_samples: int) -> Stored:
-        """Copy the arrays of a cache."""
+        """Copy the arrays of a cache; other parameters are the attributes of their names."""
         empty = np.zeros(0, np.uint32)
         pool = np.concatenate([empty, *(groups.pool for groups in cache.groups)])
         counts = np.concatenate([empty, *(groups.counts for groups in cache.groups)])

@@ -49,7 +49,7 @@ class Groups:
 
     @classmethod
     def all_of(cls, atlas: Atlas, side: int) -> Groups:
-        """Group all texels of an atlas in squares; faster than `of`, as squares in one triangle need no sorting."""
+        """Group all texels of an atlas in squares of a side; faster than `of`, as most squares need no sorting."""
         width, height = atlas.layout.size
         numbers = np.arange(atlas.size, dtype=np.uint32).reshape(height, width)
         rows = atlas.rows.reshape(height, width)

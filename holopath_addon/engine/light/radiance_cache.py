@@ -168,7 +168,7 @@ class RadianceCache:
     def reflectance(
         self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, front: mi.Bool, active: mi.Bool | bool
     ) -> mi.Color3f:
-        """Reflectance g of the module's description, by which R is multiplied."""
+        """Reflectance g of the module's description, the factor of R, for the view si.wi of the front or back."""
         normal = mi.Vector3f(0, 0, dr.select(front, 1, -1))
         value = bsdf.eval(self.own, si, normal, active)
         if self.translucent:
@@ -295,5 +295,5 @@ def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
 
 
 def zeros(count: int) -> mi.Float:
-    """Zeros in memory, as a literal would become part of the kernel, which other values compile again."""
+    """Make `count` zeros in memory: a literal would become part of the kernel, which other values compile again."""
     return loaded(mi.Float, np.zeros(count))

@@ -91,7 +91,7 @@ def charts(
 
 
 def cells_of(count: int, texels: int) -> tuple:
-    """Lay triangles out in `cells` of a texture of about `texels` a side."""
+    """Lay `count` triangles out in `cells` of a texture of about `texels` a side."""
     side = _cells_a_row(count)
     return cells(count, max(texels // side, MIN_CELL))
 

@@ -116,7 +116,22 @@ def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:
 
 
 def gather_phasors(buffer: Any, index: mi.UInt32, frames: int) -> list:
-    """Gather real and imaginary parts, times `PHASOR_SCALE`, of each frame's phasor at a grain."""
+    """Gather the phasors of a grain.
+
+    Parameters
+    ----------
+    buffer : mitsuba.UInt32
+        Result of `packed_phasors`.
+    index : mitsuba.UInt32
+        Number of the grain in the maps.
+    frames : int
+        Number of frames in the buffer.
+
+    Returns
+    -------
+    list of mitsuba.Float
+        Real and imaginary part of each frame, times `PHASOR_SCALE`.
+    """
     parts = []
     for word in gather_row(buffer, index, math.ceil(frames / 2)):
         word = mi.Int(word)

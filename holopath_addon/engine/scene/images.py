@@ -178,7 +178,7 @@ class ImageTexture(mi.Texture):
 
 
 def decoded(color):
-    """Linear values of sRGB values (IEC 61966-2-1); 0 for negative ones, as in Cycles."""
+    """Linear values of an sRGB color (IEC 61966-2-1); 0 for negative ones, as in Cycles."""
     return dr.select(color <= 0.04045, dr.maximum(color, 0) / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 

@@ -75,7 +75,7 @@ class SpecularLobes:
         return any(lobe in (REFRACTION, GLOSSY_TRANSMISSION) for _, lobe in self.components | self.rough)
 
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
-        """Whether a surface scatters or emits, and its reflected and transmitted `Lobe`."""
+        """Whether the surface at si scatters or emits, and its reflected and transmitted `Lobe`, where `active`."""
         bsdf = si.bsdf()
         flags = bsdf.flags()
         scatters = (flags & SMOOTH) != 0
@@ -91,7 +91,7 @@ class SpecularLobes:
         return scatters, reflected, transmitted
 
     def glossy(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
-        """Stronger glossy lobe of a surface without δ lobes, in the direction of a smooth surface.
+        """Stronger glossy lobe of the surface at si, if it has no δ lobe, in the direction of a smooth surface.
 
         Returns
         -------
@@ -161,12 +161,12 @@ def parts_of(scene: mi.Scene) -> list[mi.Object]:
 
 
 def nested_in(part: mi.Object) -> list[mi.Object]:
-    """List the Mitsuba objects nested in another one, in its order."""
+    """List the Mitsuba objects nested in a part of a scene, in its order."""
     return [value for _, value, _ in held_by(part) if isinstance(value, mi.Object)]
 
 
 def held_by(part: mi.Object) -> list[tuple]:
-    """List name, value and C++ type of all contents of a Mitsuba object; the type of nested objects is None."""
+    """List name, value and C++ type of all contents of a part of a scene; the type of nested objects is None."""
     visit = _visit()()
     part.traverse(visit)
     return visit.contents

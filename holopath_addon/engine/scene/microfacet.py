@@ -24,17 +24,17 @@ class Ggx:
         self.alpha = alpha
 
     def density(self, normal: mi.Normal3f) -> mi.Float:
-        """Microfacet area by direction (Walter 2007, equation 33)."""
+        """Microfacet area per solid angle around a normal (Walter 2007, equation 33)."""
         x, y, z = normal.x / self.alpha.x, normal.y / self.alpha.y, normal.z
         return dr.rcp(dr.pi * self.alpha.x * self.alpha.y * dr.square(x * x + y * y + z * z))
 
     def masking(self, w: mi.Vector3f) -> mi.Float:
-        """Smith's Lambda (Heitz 2014, equation 72)."""
+        """Smith's Lambda of a direction w (Heitz 2014, equation 72)."""
         slope = dr.square(self.alpha.x * w.x) + dr.square(self.alpha.y * w.y)
         return 0.5 * (dr.sqrt(1 + slope / dr.maximum(dr.square(w.z), 1e-12)) - 1)
 
     def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
-        """Sample a normal that is visible from `wi`, above the surface (Dupuy and Benyoub 2023)."""
+        """Sample a normal visible from `wi`, above the surface, by a point of the unit square (Dupuy, Benyoub 2023)."""
         stretched = dr.normalize(mi.Vector3f(self.alpha.x * wi.x, self.alpha.y * wi.y, wi.z))
         sine, cosine = dr.sincos(2 * dr.pi * number.x)
         z = dr.fma(1 - number.y, 1 + stretched.z, -stretched.z)
@@ -50,7 +50,7 @@ class Ggx:
         return (1 + hidden) / (1 + hidden + self.masking(wo))
 
     def visible_density(self, wi: mi.Vector3f, normal: mi.Normal3f) -> mi.Float:
-        """Density of `visible_normal`, over the cosine between the two (Heitz 2014, equation 16)."""
+        """Density of `visible_normal` over the cosine between `wi` and the normal (Heitz 2014, equation 16)."""
         return self.density(normal) / (dr.maximum(wi.z, 1e-7) * (1 + self.masking(wi)))
 
 
@@ -62,21 +62,21 @@ class Beckmann(Ggx):
         self._distribution = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha.x, alpha.y, True)
 
     def density(self, normal: mi.Normal3f) -> mi.Float:
-        """Microfacet area by direction."""
+        """Microfacet area per solid angle around a normal."""
         return self._distribution.eval(normal)
 
     def masking(self, w: mi.Vector3f) -> mi.Float:
-        """Smith's Lambda."""
+        """Smith's Lambda of a direction w."""
         w = mi.Vector3f(w.x, w.y, dr.abs(w.z))
         return dr.rcp(dr.maximum(self._distribution.smith_g1(w, mi.Normal3f(0, 0, 1)), 1e-6)) - 1
 
     def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
-        """Sample a normal that is visible from `wi`, above the surface."""
+        """Sample a normal visible from `wi`, above the surface, by a point of the unit square."""
         return self._distribution.sample(wi, number)[0]
 
 
 def normal_reflectance(ior: mi.Float | float) -> mi.Float | float:
-    """Reflectance of a dielectric at normal incidence."""
+    """Reflectance of a dielectric of index `ior` at normal incidence."""
     return dr.square((ior - 1) / (ior + 1))
 
 
@@ -91,14 +91,14 @@ def mean_reflectance(ior: mi.Float) -> mi.Float:
 
 
 def grazing(cosine: mi.Float, ior: mi.Float | float) -> mi.Float:
-    """Reflectance of a dielectric, scaled to 0 at normal incidence and 1 at grazing incidence."""
+    """Reflectance of a dielectric at a cosine, scaled to 0 at normal incidence and 1 at grazing incidence."""
     reflectance = mi.fresnel(cosine, ior)[0]
     normal = normal_reflectance(ior)
     return dr.clip((reflectance - normal) / (1 - normal), 0, 1)
 
 
 def refracted(wi: mi.Vector3f, normal: mi.Normal3f, ior: mi.Float) -> tuple[mi.Vector3f, mi.Bool]:
-    """Direction of light refracted by a microfacet, and whether it is transmitted at all."""
+    """Direction of light from `wi`, refracted by a microfacet of a normal, and whether any is transmitted."""
     cosine = dr.dot(wi, normal)
     _, cosine_t, _, inverse = mi.fresnel(cosine, ior)
     return normal * dr.fma(cosine, inverse, cosine_t) - wi * inverse, cosine_t != 0
@@ -142,12 +142,12 @@ class _AlbedoRow:
 
 
 def reflection_table(ior: float = 1.5) -> AlbedoTable:
-    """Albedo of a rough mirror, its mean over the hemisphere, and the mean `grazing` of a dielectric."""
+    """Albedo of a rough mirror, its mean over the hemisphere, and the mean `grazing` of a dielectric of index `ior`."""
     return _reflection_table(ior, mi.variant())
 
 
 def glass_table(ior: float) -> AlbedoTable:
-    """Fraction of the light that a rough interface reflects or transmits, and its mean over the hemisphere."""
+    """Fraction of light that a rough interface of index `ior` reflects or transmits, and the hemispherical mean."""
     return _glass_table(ior, mi.variant())
 
 

@@ -134,9 +134,20 @@ class Rays:
     def world(
         self, x: mi.Float, y: mi.Float, slope_x: mi.Float | float, slope_y: mi.Float | float
     ) -> tuple[mi.Ray3f, mi.Float]:
-        """World ray through (x, y) of the recording plane, meters, and its depth per distance.
+        """Transform a ray of hologram space to the world.
 
-        Slopes are those of hologram space, (dx/dz, dy/dz).
+        Parameters
+        ----------
+        x, y : mitsuba.Float
+            Place on the recording plane, meters.
+        slope_x, slope_y : mitsuba.Float or float
+            Slopes dx/dz and dy/dz in hologram space.
+
+        Returns
+        -------
+        ray : mitsuba.Ray3f
+        depth_rate : mitsuba.Float
+            World depth per distance along the ray.
         """
         tan_x = (x + slope_x * self._to_far) * self._per_focal + self._center.x
         tan_y = (y + slope_y * self._to_far) * self._per_focal + self._center.y
@@ -149,12 +160,15 @@ class Rays:
         return ray, depth_rate
 
     def height_over_plane(self, distance: mi.Float, depth_rate: mi.Float, hit: mi.Bool) -> mi.Float:
-        """Height dz = z_Q - z_p of a hit at `distance` along the ray, meters; that of the far end without a hit."""
+        """Height dz = z_Q - z_p of a hit at a distance along the ray, meters; that of the far end without a hit.
+
+        `depth_rate` is that of `world`.
+        """
         depth = self.start + distance * depth_rate
         return self._to_far + dr.select(hit, self._beta / depth, 0)
 
     def within(self, dz: mi.Float) -> mi.Float:
-        """Clip a height to the limit, up to which the plane's directions resolve grains."""
+        """Clip a height dz to the limit, up to which the plane's directions resolve grains."""
         return dr.clip(dz, -self.limit, self.limit)
 
     def weight(self, first: mi.Float, dz: mi.Float) -> mi.Float | None:
@@ -169,7 +183,7 @@ class Rays:
         return math.prod(weights[1:], start=weights[0]) if weights else None
 
     def tilt(self, point: ImagePoint) -> tuple[mi.Float, mi.Float]:
-        """Slopes (dz/dx, dz/dy) in hologram space of a surface's tangent plane; 0 of images and the sky.
+        """Slopes (dz/dx, dz/dy) in hologram space of the tangent plane at an image point; 0 of images and the sky.
 
         Planes n (P - position) = h stay planes: with P - position = D (x right + y up) / F + D forward, 1/D and with it
         z = z_far + beta / D are linear in x and y.

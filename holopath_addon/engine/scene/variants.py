@@ -193,7 +193,7 @@ def threads() -> int:
 
 
 def made(parts: dict) -> Any:
-    """Make a Mitsuba object from a dictionary of `mitsuba.load_dict`; scenes by `meshes.building.scene_of`.
+    """Make a Mitsuba object from its parts, a dictionary of `mitsuba.load_dict`; scenes by `meshes.building.scene_of`.
 
     One thread makes them, so that each process numbers objects in the same order: the numbers are part of the programs
     that Dr.Jit compiles and caches on disk.

@@ -47,7 +47,7 @@ class LatticeEstimator:
         return None
 
     def direction(self, step: mi.UInt32, random: None) -> tuple:
-        """s1: a direction by its number.
+        """s1: direction number `step`; `random` is not used.
 
         Returns
         -------
@@ -146,7 +146,7 @@ class RandomEstimator:
         return slope.x, slope.y, (slope.x, slope.y)
 
     def offset(self, direction: tuple, dz: mi.Float) -> tuple[mi.Int, mi.Int]:
-        """s7: offset of a grain, see `LatticeEstimator.offset`."""
+        """s7: offset of a grain, see `LatticeEstimator.offset`; `direction` has the slopes."""
         return tuple(mi.Int(dr.round(slope * dz / self.pitch)) for slope in direction)
 
     def kernel(

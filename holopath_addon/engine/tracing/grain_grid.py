@@ -59,7 +59,7 @@ class GrainGrid:
         return self.height + 2 * self.margin
 
     def cell(self, column: mi.Int, row: mi.Int, z: mi.Float, branch: mi.UInt32) -> tuple[mi.UInt32, mi.Bool]:
-        """Cell of a grain at a pixel, z (meters) and branch, and whether it lies on the grid (Dr.Jit types)."""
+        """Cell of a grain at a column, row, z (meters) and branch, and whether it lies on the grid (Dr.Jit types)."""
         (margin, columns, rows, slabs), (z_low, scale) = self._kept
         column, row = column + margin, row + margin
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
@@ -116,7 +116,7 @@ class RowIndex:
         return cls(filled, rows)
 
     def at(self, cell: mi.UInt32, active: mi.Bool | bool = True) -> tuple[mi.UInt32, mi.Bool]:
-        """First row of some cells, and whether they have a row for each pupil bin."""
+        """First row of each cell, where active, and whether it has a row for each pupil bin."""
         word = dr.gather(mi.UInt32, self.words, cell, active)
         return word >> 1, (word & 1) == 1
 

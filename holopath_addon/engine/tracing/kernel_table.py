@@ -118,7 +118,7 @@ class Lattice:
         return len(self.indices)
 
     def offsets(self, pitch: float) -> np.ndarray:
-        """Grain offset |o| in pixels of lattice index |i| at each depth level.
+        """Grain offset |o| of lattice index |i| at each depth level, in pixels of a pitch (meters).
 
         The levels are (l + 1/2) / levels of the depth limit, so that rounding never meets a tie.
 

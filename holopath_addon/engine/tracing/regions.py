@@ -80,12 +80,12 @@ class Sightings:
 
 
 def limit_of(step: ArrayLike, depth_limit: float) -> Any:
-    """Depth limit of a step; step 0 has the whole limit."""
+    """Depth limit of a step, where step 0 has the whole `depth_limit`, meters."""
     return depth_limit * 2.0 ** (-0.5 * step)
 
 
 def tiles_of(width: int, height: int) -> tuple[int, int]:
-    """Rows and columns of tiles."""
+    """Rows and columns of tiles of a plane, whose width and height are pixels."""
     return -(-height // TILE), -(-width // TILE)
 
 

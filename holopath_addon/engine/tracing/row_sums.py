@@ -45,7 +45,7 @@ class RowSums:
 
     @classmethod
     def zeros(cls, rows: int, columns: int) -> RowSums:
-        """Sums of no paths yet."""
+        """Empty sums of some rows and columns."""
         return cls(dr.zeros(mi.UInt64, columns * rows), columns)
 
     def add_light(
@@ -76,7 +76,7 @@ class RowSums:
             self._add(mi.UInt64(mi.Int64(slope * STEPS)), LIGHT * (row + 1) - TILT + k, active)
 
     def add_texture(self, row: mi.UInt32, reflectance: mi.Color3f, active: mi.Bool) -> None:
-        """Add rays that see a reflectance to their rows."""
+        """Add the reflectances that active rays met to their rows."""
         for k, value in enumerate((*reflectance, mi.Float(1))):
             self._add(_steps(value), TEXTURE * row + k, active)
 

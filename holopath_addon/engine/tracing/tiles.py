@@ -73,7 +73,7 @@ class Tiles:
             dr.scatter_reduce(dr.ReduceOp.Max, maxima["chains"], mi.UInt32(1), tile, chained, mode=ATOMIC)
 
     def sightings(self, maxima: dict[str, mi.UInt32]) -> tuple[Sightings, ...]:
-        """Sightings from each plane."""
+        """Sightings from each plane by the maxima of `add`."""
         shape = (len(self._planes), *self._shape)
         depth, chains = (
             np.array(maxima[name])[: math.prod(shape)].reshape(shape) for name in ("depth", "chains")

@@ -85,7 +85,7 @@ class PhasorMaps:
         return cls(packed_phasors(phasors), *phasors.shape)
 
     def at(self, column: mi.Int, row: mi.Int) -> list:
-        """Phasors of a pixel, see `gather_phasors`."""
+        """Phasors at a column and row, which may lie outside of the period; see `gather_phasors`."""
         index = _wrap(row, self.rows) * self.columns
         index += _wrap(column, self.columns)
         return gather_phasors(self.buffer, mi.UInt32(index), self.frames)

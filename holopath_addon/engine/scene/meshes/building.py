@@ -26,7 +26,7 @@ def configuration() -> Any:
 
 
 def scene_of(parts: dict) -> mi.Scene:
-    """Build a scene from a dictionary of `mitsuba.load_dict`."""
+    """Build a scene from its parts, a dictionary of `mitsuba.load_dict`."""
     config = configuration()
     state = mi.parser.parse_dict(config, parts)
     mi.parser.transform_all(config, state)

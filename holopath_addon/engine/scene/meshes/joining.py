@@ -26,7 +26,7 @@ MANY_INSTANCES = 100
 
 
 def instances_cost(count: int) -> float:
-    """Time of a launch for instances in seconds, on a slow core: fitted to 100 to 1000 instances of four meshes."""
+    """Time of a launch for `count` instances in seconds, on a slow core: fitted to 100 to 1000 of four meshes."""
     return 1.8e-3 * count + 2.5e-5 * count**2
 
 

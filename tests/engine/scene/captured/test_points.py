@@ -77,7 +77,7 @@ def test_points_that_stand_alone_stay_small(backend):
         ({"radius": 0.0}, "must be positive, not 0 m"),
         ({"points": np.ones((400, 3))}, "leave out the copies"),
         ({"points": np.ones((2, 3)), "colors": np.ones((2, 3))}, "too few"),
-        ({"viewer": "behind"}, "choose front or origin"),
+        ({"viewer": "behind"}, "Expected the viewer front or origin"),
         ({"points": -grid()[0], "viewer": "origin"}, "No point is before"),
     ],
 )
