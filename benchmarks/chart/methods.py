@@ -3,9 +3,8 @@
 import importlib.util
 from dataclasses import dataclass, field, replace
 
-from holopath_addon.engine.settings.choices import BASELINES
-
 from holopath_addon import engine
+from holopath_addon.engine.settings.choices import BASELINES
 
 from . import peers
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from holopath_addon.engine.settings.choices import ENCODINGS
 
+from holopath_addon.engine.settings.choices import ENCODINGS
 from tests.farm import flamenco, scenes
 
 ROOT = Path(__file__).parents[2]
