@@ -26,9 +26,6 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-# Rooms whose names, docstrings and spelling `make lint` checks; see also ruff's exceptions in pyproject.toml.
-FINISHED_ROOMS := blender cli engine exchange export farm llvm_package operators slm ui workflow
-
 # Those that compare what is computed with formulas, with Mitsuba's thin lens, with Cycles, and with LLVM.
 CUDA_TESTS := tests/engine tests/export tests/stability tests/blender/test_demo.py tests/test_mitsuba_plugins.py tests/test_cuda.py
 
@@ -92,8 +89,8 @@ lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m pyrefly check
-	$(PY) -m documentation words $(FINISHED_ROOMS:%=holopath_addon/%)
-	$(PY) -m codespell_lib $(FINISHED_ROOMS:%=holopath_addon/%) $(FINISHED_ROOMS:%=tests/%)
+	$(PY) -m documentation words holopath_addon
+	$(PY) -m codespell_lib holopath_addon tests benchmarks distribution documentation examples
 
 bench: $(RUN) $(DEV)
 	$(PY) -m benchmarks

@@ -17,7 +17,7 @@ from .scenes import FOV, GREEN, Scenes
 
 PITCH, PIXELS = 8e-6, 256
 THICKNESS = 5e-3  # of the volume
-NEAR = 0.5  # world depth of its near end, metres
+NEAR = 0.5  # world depth of its near end, meters
 FRAMES = (1, 3, 8, 24)
 LINE, PAPER_LINE = 0.95, 0.8
 COUNTS = tuple(1 << k for k in range(6, 15))
@@ -135,8 +135,8 @@ def run(folder, thorough=False, pixels=PIXELS):
     ]
     curves, marks = {}, {}
     for name, view in views(pixels).items():
-        grey = np.mean([engine.psnr(np.ones_like(picture), picture) for picture in view.truth])
-        lines.append(f"  {name}: an even grey picture has {grey:.2f} dB")
+        gray = np.mean([engine.psnr(np.ones_like(picture), picture) for picture in view.truth])
+        lines.append(f"  {name}: an even gray picture has {gray:.2f} dB")
         paper, default = view.paper(counts), view.ladder(LATTICE)
         direct = view.ladder(counts, method="direct")
         line = LINE * paper[1][-1, -1]
@@ -246,11 +246,11 @@ def _chart(curves, marks, distances, rays, fit, path):
     names = list(dict.fromkeys(name for name, _ in curves))
     panels = [[*(f"{name}\n{method}" for method in METHODS), "distance"] for name in names]
     figure, axes = plt.subplot_mosaic(panels, figsize=(15, 7), layout="constrained")
-    colours = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(FRAMES)))
+    colors = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(FRAMES)))
     for key, (counts, ratios) in curves.items():
         panel = axes["\n".join(key)]
         for column, frames in enumerate(FRAMES):
-            panel.plot(counts, ratios[:, column], "o-", ms=3.5, color=colours[column], label=f"M = {frames}")
+            panel.plot(counts, ratios[:, column], "o-", ms=3.5, color=colors[column], label=f"M = {frames}")
         for level in (PAPER_LINE, LINE):
             panel.axhline(level, color="0.4", ls="--", lw=0.9)
             panel.text(8e4, level - 0.005, f"{level:.0%}", va="top", ha="right", fontsize=8, color="0.3")

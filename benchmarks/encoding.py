@@ -310,11 +310,11 @@ def _chart(curves, path):
     size = (6 * len(names), 4.5)
     figure, axes = plt.subplots(1, len(names), figsize=size, layout="constrained", squeeze=False)
     for axis, name in zip(axes.flat, names, strict=True):
-        for start, colour in ((OURS, "tab:green"), (RANDOM, "tab:grey")):
+        for start, color in ((OURS, "tab:green"), (RANDOM, "tab:gray")):
             seconds, values = zip(*curves[name, start].points, strict=True)
             seconds, values = [*seconds, MARKS[-1]], [*values, values[-1]]
-            axis.plot(seconds, [np.mean(v) for v in values], color=colour, label=f"{start}, mean")
-            axis.plot(seconds, [min(v) for v in values], ":", color=colour, label=f"{start}, worst")
+            axis.plot(seconds, [np.mean(v) for v in values], color=color, label=f"{start}, mean")
+            axis.plot(seconds, [min(v) for v in values], ":", color=color, label=f"{start}, worst")
         axis.set(title=name, xlabel="seconds", ylabel="PSNR over nine views, dB", xlim=(0, MARKS[-1]))
         axis.grid(alpha=0.3)
         axis.legend()
@@ -386,7 +386,7 @@ def _mean_and_worst(values):
 
 
 def cost(sizes=SIZES):
-    """A step of each optimisation against its FFTs alone, in the same threads."""
+    """A step of each optimization against its FFTs alone, in the same threads."""
     lines = ["cost of a step in ms: with its FFTs alone; medians"]
     for frames, shape in sizes:
         rng = np.random.default_rng(0)
@@ -448,14 +448,14 @@ def _medians(*works, most_seconds=12.0):
 
 
 def large(shape=LARGE, frames=LARGE_FRAMES, max_steps=1000):
-    """Seconds and memory of `joint` on a large display in three colours, and what follows for M = 24."""
+    """Seconds and memory of `joint` on a large display in three colors, and what follows for M = 24."""
     seconds, stages, peak, idle = _alone(shape, frames, max_steps)
     *_, smaller, _ = _alone(shape, frames // 2, 1)
     slope = (peak - smaller) / (frames - frames // 2)
     steps = ", ".join(f"{s['stage']} {s['steps']} steps in {s['seconds']:.0f} s" for s in stages)
     return "\n".join(
         [
-            f"large hologram: joint, {shape[1]} x {shape[0]}, three colours, M = {frames}",
+            f"large hologram: joint, {shape[1]} x {shape[0]}, three colors, M = {frames}",
             f"  {seconds:.0f} s, peak {peak:.2f} GiB ({idle:.2f} before): {steps}",
             f"  M = 24: {seconds * 24 / frames:.0f} s, at most {peak + slope * (24 - frames):.1f} GiB",
         ]

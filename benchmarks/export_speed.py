@@ -47,7 +47,7 @@ def _textured():
     tree = tree_of(material)
     nodes = tree.nodes
     texture = nodes.new("ShaderNodeTexImage")
-    texture.image = bpy.data.images.new("colours", 64, 64)
+    texture.image = bpy.data.images.new("colors", 64, 64)
     shader = next(node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
     tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
     return material

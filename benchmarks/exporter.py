@@ -255,13 +255,13 @@ def _contact_sheets(compared, folder, columns=5, scale=2, gap=14):
         plt.close(figure)
 
 
-def _displayed(result, colours):
+def _displayed(result, colors):
     """Both pictures as a screen shows them, and the map of their difference."""
     white = max(np.percentile(result.theirs, 98), 1e-6)
     both = [np.clip(image / white, 0, 1) ** (1 / 2.2) for image in (result.theirs, result.ours)]
     ours, theirs = result.ours.mean(2), result.theirs.mean(2)
     relative = (ours - theirs) / np.maximum(theirs, DARK * theirs.mean() + 1e-9)
-    return [*both, colours(np.clip(0.5 + relative / 0.4, 0, 1))[..., :3]]
+    return [*both, colors(np.clip(0.5 + relative / 0.4, 0, 1))[..., :3]]
 
 
 def main(*arguments):

@@ -40,7 +40,7 @@ def lamps():
     s = Scenes()
     place = np.random.default_rng(5).uniform([-1.2, 0.3, -1.9], [1.2, 1.4, 0.2], (12, 3))
     many = {
-        f"lamp_{k}": {"type": "sphere", "center": list(at), "radius": 0.03, **s.emissive(s.grey(4.0 * 3**-k))}
+        f"lamp_{k}": {"type": "sphere", "center": list(at), "radius": 0.03, **s.emissive(s.gray(4.0 * 3**-k))}
         for k, at in enumerate(place)
     }
     scene = s.scene(

@@ -21,7 +21,7 @@ FRAMES = 24
 
 @dataclass
 class Rendered:
-    """A render of demo:suzanne in three colours, the second of two: programs are compiled by then.
+    """A render of demo:suzanne in three colors, the second of two: programs are compiled by then.
 
     Attributes
     ----------

@@ -128,8 +128,8 @@ def _splatted(algorithms, hologram, disks, random):
         return torch.tensor(np.asarray(values), dtype=torch.float32)
 
     pitch, sigma = hologram.pitch, gaussians.SIGMA * disks.side * hologram.pitch
-    centre = hologram.width // 2  # of its FFTs
-    means = np.stack([(disks.column - centre) * pitch, (disks.row - centre) * pitch, -disks.z], 1)
+    center = hologram.width // 2  # of its FFTs
+    means = np.stack([(disks.column - center) * pitch, (disks.row - center) * pitch, -disks.z], 1)
     normal = np.stack([disks.right, disks.down, np.full(len(disks.z), pitch)], 1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # its turns: about x by atan2(-n_y, n_z), then about y by -asin(n_x), see its `coordinate_rotation_matrix`

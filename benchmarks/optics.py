@@ -146,8 +146,8 @@ def gloss():
             s.scene(
                 ball={"type": "sphere", "center": [0, 0, -0.8], "radius": 0.12, "bsdf": metal},
                 wall=s.plane(2.0, s.diffuse(s.texture(256, 1))),
-                lamp={"type": "rectangle", "to_world": place, **s.emissive(s.grey(30.0))},
-                sky={"type": "constant", "radiance": s.grey(0.2)},
+                lamp={"type": "rectangle", "to_world": place, **s.emissive(s.gray(30.0))},
+                sky={"type": "constant", "radiance": s.gray(0.2)},
             ),
         )
 

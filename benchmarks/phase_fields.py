@@ -25,7 +25,7 @@ from .scenes import FOV, GREEN, Scenes
 KINDS = "random", "designed"
 PITCH, SIZE = 8e-6, 256
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
-DEFOCUS = np.arange(-60, 61) * 1e-4  # metres
+DEFOCUS = np.arange(-60, 61) * 1e-4  # meters
 FRAMES = (1, 3, 8, 24)
 THREE = (0.5, 1.0, 2.0)
 
@@ -84,11 +84,11 @@ def _speckle_chart(curves, defocus, path):
     figure, axes = plt.subplots(1, len(FRAMES), figsize=(15, 3.8), sharey=True, layout="constrained")
     for axis, frames in zip(axes, FRAMES, strict=True):
         for kind, style in zip(KINDS, (":", "-"), strict=True):
-            for values, colour, w in zip(
+            for values, color, w in zip(
                 curves[frames, kind], ("tab:red", "tab:green", "tab:blue"), WAVELENGTHS, strict=True
             ):
                 axis.plot(
-                    1e3 * defocus, values, style, color=colour, lw=1.2, label=f"{kind}, {w * 1e9:.4g} nm"
+                    1e3 * defocus, values, style, color=color, lw=1.2, label=f"{kind}, {w * 1e9:.4g} nm"
                 )
         axis.set(title=f"M = {frames}", xlabel="defocus, mm", yscale="log", ylim=(0.01, 1.3))
         axis.grid(alpha=0.3, which="both")
@@ -164,7 +164,7 @@ def pictures(pixels, count, frames=(8, 24)):
 
 
 def demo(pixels, frames=8):
-    """The demo scene in colour, as ``make demo`` renders it."""
+    """The demo scene in color, as ``make demo`` renders it."""
     from holopath_addon.cli import sources
 
     source = sources.open_source("demo:suzanne")
@@ -292,13 +292,13 @@ def _despeckling_chart(curves, path):
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    colours = {3: "tab:orange", 8: "tab:blue", 24: "tab:purple"}
+    colors = {3: "tab:orange", 8: "tab:blue", 24: "tab:purple"}
     for (frames, kind), points in curves.items():
         axis.plot(
             [seconds for _, seconds, _ in points],
             [value for _, _, value in points],
             "o:" if kind == "random" else "o-",
-            color=colours[frames],
+            color=colors[frames],
             label=f"M = {frames}, {kind}",
         )
         for steps, seconds, value in points:

@@ -28,7 +28,7 @@ def diffuse(s):
         wall=s.plane(2.0, s.diffuse(s.texture(256, 1))),
         near=s.ball(0.06, [-0.05, -0.02, -0.6], s.diffuse(s.texture(128, 2))),
         far=s.ball(0.12, [0.12, 0.05, -1.2], s.diffuse(s.texture(128, 4))),
-        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.grey(20.0))},
+        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.gray(20.0))},
     )
 
 
@@ -40,7 +40,7 @@ def mirror(s):
         mirror=s.plane(1.2, {"bsdf": {"type": "conductor"}}, slant=35),
         mirrored={"type": "rectangle", "to_world": behind, **s.diffuse(s.texture(256, 5))},
         ball=s.ball(0.07, [-0.06, -0.03, -0.7], s.diffuse(s.texture(128, 2))),
-        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.grey(20.0))},
+        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.gray(20.0))},
     )
 
 
@@ -56,7 +56,7 @@ def curved_glass(s):
             "bsdf": {"type": "dielectric"},
         },
         dome={"type": "sphere", "center": [0.12, 0, -1.1], "radius": 0.1, "bsdf": {"type": "conductor"}},
-        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.grey(20.0))},
+        lamp={"type": "rectangle", "to_world": lamp, **s.emissive(s.gray(20.0))},
     )
 
 

@@ -40,7 +40,7 @@ def relief_mesh(s, triangles, z, half, height, waves):
         ]
     )
     properties = s.mi.Properties()
-    properties["bsdf"] = s.mi.load_dict({"type": "diffuse", "reflectance": s.grey(0.7)})
+    properties["bsdf"] = s.mi.load_dict({"type": "diffuse", "reflectance": s.gray(0.7)})
     mesh = s.mi.Mesh("relief", len(vertices), len(faces), props=properties)
     parameters = s.mi.traverse(mesh)
     parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
@@ -63,7 +63,7 @@ def subdivided(triangles, side=8):
 
 
 def _under_sky(s, **shapes):
-    return s.scene(**shapes, sky={"type": "constant", "radiance": s.grey(0.5)})
+    return s.scene(**shapes, sky={"type": "constant", "radiance": s.gray(0.5)})
 
 
 def tiles(triangles, side=8):
@@ -86,7 +86,7 @@ def tiles(triangles, side=8):
 def crowd(objects, shared=False):
     """Boxes of four materials under the sky, each with a mesh of its own or as instances."""
     s = Scenes()
-    looks = [s.diffuse(s.grey(0.2 + 0.2 * n)) for n in range(4)]
+    looks = [s.diffuse(s.gray(0.2 + 0.2 * n)) for n in range(4)]
     side = round(objects ** (1 / 3))
     parts = {}
     for n in range(objects):
@@ -124,7 +124,7 @@ def run(pixels=256, max_triangles=4_000_000, objects=1000):
     one, _ = seconds(lamp_lit, (GREEN,), 8, pixels=pixels)
     three, _ = seconds(lamp_lit, RGB, 8, pixels=pixels)
     lines = [
-        f"colour: lamp-lit planes, M = 8: RGB {three:.2f} s, one wavelength {one:.2f} s, ratio {three / one:.2f}"
+        f"color: lamp-lit planes, M = 8: RGB {three:.2f} s, one wavelength {one:.2f} s, ratio {three / one:.2f}"
     ]
     few, _ = seconds(box, (GREEN,), 1, pixels=pixels, radiance="ray")
     many, _ = seconds(box, (GREEN,), 24, pixels=pixels, radiance="ray")

@@ -11,7 +11,7 @@ GREEN = 516.5e-9
 
 
 class Scenes:
-    """Builders; metres. Needs an active Mitsuba variant."""
+    """Builders; meters. Needs an active Mitsuba variant."""
 
     def __init__(self):
         import mitsuba as mi
@@ -22,7 +22,7 @@ class Scenes:
     def texture(self, cells, seed, low=0.05, high=1.0, contrast=1.0, channels=3):
         """Blocks of three sizes, linear values: detail at several scales, hard edges; dark halves from contrast 2.
 
-        With one channel these are shades between two colours, `low` and `high`.
+        With one channel these are shades between two colors, `low` and `high`.
         """
         rng = np.random.default_rng(seed)
         picture = np.zeros((cells, cells, 3), np.float32)
@@ -32,7 +32,7 @@ class Scenes:
         picture = np.clip(0.5 + contrast * (picture - 0.5), 0, 1)
         return {"type": "bitmap", "bitmap": self.mi.Bitmap(low + (high - low) * picture), "raw": True}
 
-    def grey(self, value):
+    def gray(self, value):
         return {"type": "rgb", "value": [value] * 3}
 
     def plane(self, depth, surface, half_width=None, half_height=None, x=0.0, slant=0.0):
@@ -89,10 +89,10 @@ class Scenes:
         normals = revolve(outwards / length, upwards / length)
         return self.mesh(foot + revolve(radii, heights), surface, normals)
 
-    def ball(self, radius, centre, surface):
+    def ball(self, radius, center, surface):
         """A sphere as a mesh."""
         angle = np.linspace(0, np.pi, 25)
-        return self.turned(radius * np.sin(angle), -radius * np.cos(angle), centre, surface)
+        return self.turned(radius * np.sin(angle), -radius * np.cos(angle), center, surface)
 
     def box(self, low, high, surface, turn=0.0):
         """A box between two corners, turned about its vertical axis by `turn` degrees."""
@@ -116,7 +116,7 @@ class Scenes:
         return self.scene(
             far=self.plane(2.0, surface(self.texture(256, 1))),
             near=self.plane(0.5, surface(self.texture(128, 2)), 0.5 * half, 0.7 * half, x=-0.55 * half),
-            lamp={"type": "rectangle", "to_world": lamp_place, **self.emissive(self.grey(20.0))},
+            lamp={"type": "rectangle", "to_world": lamp_place, **self.emissive(self.gray(20.0))},
         )
 
     def three_planes(self, depth=1.0):
@@ -151,13 +151,13 @@ class Scenes:
             f"lamp_{k}": {
                 "type": "rectangle",
                 "to_world": self.T().look_at([x, y, 1.0], [0, 0, -0.8], [0, 1, 0]).scale(0.07),
-                **self.emissive(self.grey(40.0)),
+                **self.emissive(self.gray(40.0)),
             }
             for k, (x, y) in enumerate(places)
         }
         return self.scene(
             dome={"type": "sphere", "center": [0, 0, -0.8 - radius], "radius": radius, "bsdf": metal},
-            sky={"type": "constant", "radiance": self.grey(0.1)},
+            sky={"type": "constant", "radiance": self.gray(0.1)},
             **lamps,
         )
 
@@ -180,22 +180,22 @@ class Scenes:
             floor={
                 "type": "rectangle",
                 "to_world": T().translate([0, -half, -1]).rotate([1, 0, 0], -90).scale(side),
-                **self.diffuse(self.grey(0.7)),
+                **self.diffuse(self.gray(0.7)),
             },
             ceiling={
                 "type": "rectangle",
                 "to_world": T().translate([0, half, -1]).rotate([1, 0, 0], 90).scale(side),
-                **self.diffuse(self.grey(0.7)),
+                **self.diffuse(self.gray(0.7)),
             },
             behind={
                 "type": "rectangle",
                 "to_world": T().translate([0, 0, 0.1]).rotate([0, 1, 0], 180).scale([half, half, 1]),
-                **self.diffuse(self.grey(0.7)),
+                **self.diffuse(self.gray(0.7)),
             },
             lamp={
                 "type": "rectangle",
                 "to_world": T().translate([0, 0.3, -0.3]).rotate([1, 0, 0], -90).scale([0.12, 0.12, 1]),
-                **self.emissive(self.grey(18.0)),
+                **self.emissive(self.gray(18.0)),
             },
             block={
                 "type": "cube",
@@ -209,12 +209,12 @@ class Scenes:
         which most light has met several everyday surfaces, and how they follow when a lamp or an object changes.
 
         `lamp` and `pendant` scale the lamps below the ceiling and over the desk, the red box is `moved` to the right by
-        metres, and without `sharp` nothing reflects or refracts as a mirror or a lens does: no δ lobes. `more` shapes
+        meters, and without `sharp` nothing reflects or refracts as a mirror or a lens does: no δ lobes. `more` shapes
         can be put into it.
         """
-        T, grey, diffuse, box = self.T, self.grey, self.diffuse, self.box
+        T, gray, diffuse, box = self.T, self.gray, self.diffuse, self.box
 
-        def colour(red, green, blue):
+        def color(red, green, blue):
             return {"type": "rgb", "value": [red, green, blue]}
 
         def shades(seed, low, high, cells=64):
@@ -230,16 +230,16 @@ class Scenes:
         def both(surface):
             return {"bsdf": {"type": "twosided", "bsdf": surface["bsdf"]}}
 
-        def sphere(radius, centre, surface):
-            return {"type": "sphere", "center": centre, "radius": radius, **surface}
+        def sphere(radius, center, surface):
+            return {"type": "sphere", "center": center, "radius": radius, **surface}
 
-        def panel(centre, half_width, half_height, surface, turn=0):
-            place = T().translate(centre).rotate([0, 1, 0], turn).scale([half_width, half_height, 1])
+        def panel(center, half_width, half_height, surface, turn=0):
+            place = T().translate(center).rotate([0, 1, 0], turn).scale([half_width, half_height, 1])
             return {"type": "rectangle", "to_world": place, **surface}
 
-        def shining(centre, up, half, radiance):
-            place = T().translate(centre).rotate([1, 0, 0], -90 * up).scale([half, half, 1])
-            return {"type": "rectangle", "to_world": place, **self.emissive(grey(radiance))}
+        def shining(center, up, half, radiance):
+            place = T().translate(center).rotate([1, 0, 0], -90 * up).scale([half, half, 1])
+            return {"type": "rectangle", "to_world": place, **self.emissive(gray(radiance))}
 
         def rod(foot, radius, height, surface):
             return self.turned([radius, radius], [0, height], foot, surface, 12)
@@ -251,7 +251,7 @@ class Scenes:
                 for k, (x, z) in enumerate(places)
             }
 
-        white, black = diffuse(grey(0.8)), diffuse(grey(0.05))
+        white, black = diffuse(gray(0.8)), diffuse(gray(0.05))
         oak = lacquer(shades(11, [0.30, 0.17, 0.08], [0.52, 0.33, 0.17]), 0.25)
         walnut = diffuse(shades(12, [0.10, 0.05, 0.03], [0.24, 0.13, 0.07]))
         paper = diffuse(shades(13, [0.55, 0.58, 0.5], [0.8, 0.78, 0.7], 32))
@@ -260,24 +260,24 @@ class Scenes:
         moss = diffuse(shades(20, [0.1, 0.2, 0.1], [0.5, 0.6, 0.2]))
         marbled = diffuse(shades(21, [0.05, 0.1, 0.4], [0.9, 0.9, 0.6], 32))
         seas = lacquer(shades(17, [0.1, 0.3, 0.5], [0.6, 0.6, 0.3]), 0.15)
-        green, cream = lacquer(colour(0.1, 0.45, 0.1), 0.1), lacquer(colour(0.75, 0.72, 0.6), 0.1)
-        red, teal = diffuse(colour(0.6, 0.06, 0.04)), diffuse(colour(0.05, 0.35, 0.35))
-        amber, linen = diffuse(colour(0.8, 0.45, 0.05)), diffuse(colour(0.75, 0.6, 0.35))
-        brass, steel = metal(colour(0.9, 0.68, 0.3), 0.2), metal(grey(0.75), 0.3)
+        green, cream = lacquer(color(0.1, 0.45, 0.1), 0.1), lacquer(color(0.75, 0.72, 0.6), 0.1)
+        red, teal = diffuse(color(0.6, 0.06, 0.04)), diffuse(color(0.05, 0.35, 0.35))
+        amber, linen = diffuse(color(0.8, 0.45, 0.05)), diffuse(color(0.75, 0.6, 0.35))
+        brass, steel = metal(color(0.9, 0.68, 0.3), 0.2), metal(gray(0.75), 0.3)
         if sharp:
             mirror, glass = {"bsdf": {"type": "conductor"}}, {"bsdf": {"type": "dielectric"}}
-            glaze = {"bsdf": {"type": "plastic", "diffuse_reflectance": colour(0.05, 0.12, 0.5)}}
+            glaze = {"bsdf": {"type": "plastic", "diffuse_reflectance": color(0.05, 0.12, 0.5)}}
         else:
-            mirror, glass = diffuse(grey(0.6)), diffuse(colour(0.5, 0.6, 0.55))
-            glaze = diffuse(colour(0.05, 0.12, 0.5))
+            mirror, glass = diffuse(gray(0.6)), diffuse(color(0.5, 0.6, 0.55))
+            glaze = diffuse(color(0.05, 0.12, 0.5))
 
         walls = {
             "floor": box([-1.1, -1.05, -4.1], [1.2, -0.95, 0.7], oak),
             "ceiling": box([-1.1, 1.2, -4.1], [1.2, 1.3, 0.7], white),
-            "left": box([-1.1, -1, -4.1], [-1, 1.25, 0.7], diffuse(colour(0.75, 0.5, 0.3))),
-            "right": box([1.1, -1, -4.1], [1.2, 1.25, 0.7], diffuse(colour(0.45, 0.6, 0.65))),
+            "left": box([-1.1, -1, -4.1], [-1, 1.25, 0.7], diffuse(color(0.75, 0.5, 0.3))),
+            "right": box([1.1, -1, -4.1], [1.2, 1.25, 0.7], diffuse(color(0.45, 0.6, 0.65))),
             "far": box([-1.1, -1, -4.1], [1.2, 1.25, -4], paper),
-            "behind": box([-1.1, -1, 0.6], [1.2, 1.25, 0.7], diffuse(grey(0.65))),
+            "behind": box([-1.1, -1, 0.6], [1.2, 1.25, 0.7], diffuse(gray(0.65))),
             "carpet": box([-0.8, -0.95, -3.6], [0.5, -0.935, -1.6], carpet),
             "frame": box([-0.12, 0.1, -4], [0.42, 0.64, -3.97], black),
             "picture": panel([0.15, 0.37, -3.968], 0.23, 0.23, diffuse(self.texture(64, 16, contrast=3))),
@@ -298,7 +298,7 @@ class Scenes:
             while level < 3 and x < -0.36 - 0.1 * level:
                 width, height, depth = rng.uniform([0.03, 0.2, 0.14], [0.07, 0.36, 0.22])
                 dye = rng.uniform(0.05, 0.7, 3)
-                spine = colour(*dye) if rng.random() < 0.5 else shades(len(shelf), 0.3 * dye, dye, 32)
+                spine = color(*dye) if rng.random() < 0.5 else shades(len(shelf), 0.3 * dye, dye, 32)
                 corners = [x, y + 0.03, -4], [x + width - 0.004, y + 0.03 + height, depth - 4]
                 shelf[f"book_{len(shelf)}"] = box(*corners, diffuse(spine))
                 x += width

@@ -118,14 +118,14 @@ class Stage:
         obj.location, obj.rotation_euler = location, rotation
         return obj
 
-    def world(self, colour=(1, 1, 1), strength=1.0):
+    def world(self, color=(1, 1, 1), strength=1.0):
         world = bpy.data.worlds.new("world")
         self.scene.world = world
         # where Cycles looks for light, not how much there is; at the size of its choice it takes seconds
         cycles: Any = world.cycles
         cycles.sampling_method, cycles.sample_map_resolution = "MANUAL", 256
         background = next(n for n in tree_of(world).nodes if n.bl_idname == "ShaderNodeBackground")
-        background.inputs["Color"].default_value = (*colour, 1)
+        background.inputs["Color"].default_value = (*color, 1)
         background.inputs["Strength"].default_value = strength
         return world
 

@@ -286,7 +286,7 @@ TEXTURES = {
     ),
     "volume": textured(
         "volume",
-        f"""<volume type="gridvolume" name="volume">{FILE("colours.vol")}<transform name="to_world">
+        f"""<volume type="gridvolume" name="volume">{FILE("colors.vol")}<transform name="to_world">
         <translate x="-0.5" y="-0.5" z="-1.5"/></transform></volume>""",
     ),
     "rawconstant": textured("rawconstant", NUMBER("value", 0.4)),
@@ -326,7 +326,7 @@ MEDIA = {
         "heterogeneous", '<volume type="constvolume" name="sigma_t"><float name="value" value="3"/></volume>'
     ),
     "gridvolume": textured(
-        "volume", f'<volume type="gridvolume" name="volume">{FILE("colours.vol")}</volume>'
+        "volume", f'<volume type="gridvolume" name="volume">{FILE("colors.vol")}</volume>'
     ),
     "isotropic": phased(ISOTROPIC),
     "hg": phased('<phase type="hg"><float name="g" value="0.5"/></phase>'),
@@ -373,9 +373,9 @@ def write_files(folder):
     faces += [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
     vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
     (folder / "mesh.obj").write_text(vertices + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces))
-    colours = (corners > 0) * 0.8 + 0.1
+    colors = (corners > 0) * 0.8 + 0.1
     names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "r", "g", "b"))
-    rows = "".join(" ".join(map(str, (*p, *c))) + "\n" for p, c in zip(corners, colours, strict=True))
+    rows = "".join(" ".join(map(str, (*p, *c))) + "\n" for p, c in zip(corners, colors, strict=True))
     (folder / "mesh.ply").write_text(
         f"ply\nformat ascii 1.0\nelement vertex 8\n{names}element face 12\nproperty list uchar int vertex_indices\n"
         f"end_header\n{rows}" + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
@@ -404,7 +404,7 @@ def write_files(folder):
     z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
     _write_volume(folder / "distance.vol", np.sqrt(x * x + y * y + z * z)[..., None] - 0.35)
     _write_volume(folder / "density.vol", random.uniform(0.2, 1, (4, 4, 4, 1)))
-    _write_volume(folder / "colours.vol", random.uniform(0.2, 0.8, (4, 4, 4, 3)))
+    _write_volume(folder / "colors.vol", random.uniform(0.2, 0.8, (4, 4, 4, 3)))
     _write_volume(folder / "flakes.vol", np.broadcast_to((1, 1, 0.2, 0, 0, 0), (2, 2, 2, 6)))
     picture = random.uniform(0.2, 0.9, (8, 8, 3)).astype(np.float32)
     normals = random.normal(0, 0.15, (8, 8, 3)) + (0, 0, 1)

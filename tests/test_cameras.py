@@ -81,8 +81,8 @@ def write_blend(path):
         right, up, forward = axes(*view)
         camera.matrix_world = Matrix(np.stack([right, up, -forward], axis=1).tolist()).to_4x4()
     for normal, albedo in WALLS.items():
-        colour = stage.material("ShaderNodeBsdfDiffuse", Color=(albedo, albedo, albedo, 1))
-        wall = stage.plane(2.0, colour)
+        color = stage.material("ShaderNodeBsdfDiffuse", Color=(albedo, albedo, albedo, 1))
+        wall = stage.plane(2.0, color)
         right, up, forward = axes(normal, normal[1:] + normal[:1])
         wall.matrix_world = (
             Matrix.Translation(normal) @ Matrix(np.stack([right, up, -forward], axis=1)).to_4x4()

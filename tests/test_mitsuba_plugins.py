@@ -146,6 +146,6 @@ def test_small_spheres_light_too_little_on_graphics_cards(backend, monkeypatch, 
 
     build = Scenes()
     monkeypatch.setattr(unmodeled.variants, "activate", lambda: variant)
-    lamp = {"type": "sphere", "center": [1, 2, 0.2], "radius": radius, **build.emissive(build.grey(1))}
-    scene = build.scene(wall=build.plane(2.0, build.diffuse(build.grey(0.5))), lamp=lamp)
+    lamp = {"type": "sphere", "center": [1, 2, 0.2], "radius": radius, **build.emissive(build.gray(1))}
+    scene = build.scene(wall=build.plane(2.0, build.diffuse(build.gray(0.5))), lamp=lamp)
     assert sum("lamp may light too little" in note for note in unmodeled.unmodeled_warnings(scene)) == told

@@ -27,9 +27,9 @@ class Look:
     ----------
     name : str
     depth : float
-        World depth in focus, metres.
+        World depth in focus, meters.
     part : (float, float, float) or None
-        Centre, to the right and up, and radius of what is open, in radii of the pupil; None: all.
+        Center, to the right and up, and radius of what is open, in radii of the pupil; None: all.
     """
 
     name: str
@@ -60,9 +60,9 @@ def looks_of(foci, others, hologram):
     Parameters
     ----------
     foci : (float, float, float)
-        World depths in front, in the middle and at the back, metres.
+        World depths in front, in the middle and at the back, meters.
     others : sequence of four floats
-        World depths of `HALFWAY` and `CENTER`, metres.
+        World depths of `HALFWAY` and `CENTER`, meters.
     hologram : engine.Hologram
     """
     front, middle, back = foci
@@ -78,7 +78,7 @@ def looks_of(foci, others, hologram):
 
 
 def others_of(plan, mapping, depth):
-    """World depths of `HALFWAY` and `CENTER`, metres.
+    """World depths of `HALFWAY` and `CENTER`, meters.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def others_of(plan, mapping, depth):
         Of `focal-stack`.
     mapping : engine.DepthMapping
     depth : numpy.ndarray, shape (y, x)
-        Of what is seen at each pixel, metres.
+        Of what is seen at each pixel, meters.
     """
     planes = planes_of(plan.z_low, plan.z_high)
     halfway = 0.5 * (planes[:-1] + planes[1:])[::-2] if len(planes) > 1 else planes.repeat(len(HALFWAY))
@@ -143,7 +143,7 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
     -------
     dict of str to numpy.ndarray
         ``pictures`` [look, half, y, x, wavelength], ``ceiling`` [look], PSNR in dB that their noise allows, ``blurred``
-        [3, y, x], what is out of focus in front, middle and back, ``others``, see `looks_of`, and ``near``, metres.
+        [3, y, x], what is out of focus in front, middle and back, ``others``, see `looks_of`, and ``near``, meters.
     """
     progress = progress or (lambda done, message: None)
     plan = engine.plan(scene, camera, hologram, engine.Settings(method="focal-stack"))

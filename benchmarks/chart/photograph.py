@@ -59,7 +59,7 @@ def street(s):
         "sun": {
             "type": "rectangle",
             "to_world": s.T().look_at(origin=[3, 6, 3], target=[0, 0, -2], up=[0, 1, 0]).scale(0.8),
-            **s.emissive(s.grey(16.0)),
+            **s.emissive(s.gray(16.0)),
         },
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.28, 0.36, 0.5]}},
     }

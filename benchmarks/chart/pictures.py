@@ -50,18 +50,18 @@ def draw(chart, records, triangles, table, shown, folder, faults):
     names = list(dict.fromkeys(record["method"] for record in records))
     others = [name for name in names if name not in OURS]
     palette = matplotlib.colormaps["tab20"]
-    colours = {name: palette(k % 20) for k, name in enumerate(others)} | OURS
+    colors = {name: palette(k % 20) for k, name in enumerate(others)} | OURS
     scenes = [name for name in SCENES if _own(records, name)]
     files = {}
     if scenes:
-        files["chart-seconds.png"] = lambda path: _seconds(records, scenes, colours, path)
-        files["chart-convergence.png"] = lambda path: _convergence(records, scenes, colours, path)
+        files["chart-seconds.png"] = lambda path: _seconds(records, scenes, colors, path)
+        files["chart-convergence.png"] = lambda path: _convergence(records, scenes, colors, path)
     if table[1]:
         files["chart-table-1.png"] = lambda path: _table(table[0], table[1], path)
     if any(any(own.values()) for own in shown.get(max(shown, default=0), {}).values()):
-        files["chart-frames.png"] = lambda path: _frames(shown, scenes, colours, path)
+        files["chart-frames.png"] = lambda path: _frames(shown, scenes, colors, path)
     if triangles:
-        files["chart-triangles.png"] = lambda path: _triangles(triangles, colours, path)
+        files["chart-triangles.png"] = lambda path: _triangles(triangles, colors, path)
     for scene in scenes:
         files[f"chart-closeups-{scene}.jpg"] = lambda path, scene=scene: _close_ups(
             chart, records, scene, path
@@ -103,7 +103,7 @@ def _own(records, scene):
     return by_method
 
 
-def _seconds(records, scenes, colours, path):
+def _seconds(records, scenes, colors, path):
     """PSNR over seconds: mean above, worst below."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -120,7 +120,7 @@ def _seconds(records, scenes, colours, path):
                 own = sorted(own, key=lambda record: record["seconds"])
                 places = [(record["seconds"], record[figure_name]) for record in own]
                 width = 2.2 if name == "auto" else 1
-                axis.plot(*zip(*places, strict=True), "o-", color=colours[name], lw=width, ms=4, label=name)
+                axis.plot(*zip(*places, strict=True), "o-", color=colors[name], lw=width, ms=4, label=name)
                 points += places
             front = [points[k] for k in pareto(points)]
             axis.plot(
@@ -154,7 +154,7 @@ def _legend(figure, axes):
     )
 
 
-def _convergence(records, scenes, colours, path):
+def _convergence(records, scenes, colors, path):
     """PSNR, mean, over the number of the effort, from the least."""
     figure, axes = _panels(len(scenes))
     for axis in axes.flat[len(scenes) :]:
@@ -162,7 +162,7 @@ def _convergence(records, scenes, colours, path):
     for axis, scene in zip(axes.flat, scenes, strict=False):
         for name, own in _own(records, scene).items():
             values = [record["psnr"] for record in own]
-            axis.plot(range(1, len(own) + 1), values, "o-", color=colours[name], label=name, ms=4, lw=1)
+            axis.plot(range(1, len(own) + 1), values, "o-", color=colors[name], label=name, ms=4, lw=1)
         axis.set_title(scene, fontsize=10)
         axis.set_xlabel("effort, from the least", fontsize=8)
         axis.set_ylabel("PSNR, dB", fontsize=8)
@@ -172,7 +172,7 @@ def _convergence(records, scenes, colours, path):
     _save(figure, path)
 
 
-def _frames(shown, scenes, colours, path):
+def _frames(shown, scenes, colors, path):
     """PSNR of phases over frames: mean above, worst below; within the most seconds, and dashed the fewest."""
     from matplotlib.ticker import NullLocator
 
@@ -193,7 +193,7 @@ def _frames(shown, scenes, colours, path):
                         axis.plot(
                             *zip(*places, strict=True),
                             style,
-                            color=colours[name],
+                            color=colors[name],
                             lw=width,
                             ms=4,
                             label=label,
@@ -209,12 +209,12 @@ def _frames(shown, scenes, colours, path):
     _save(figure, path)
 
 
-def _triangles(triangles, colours, path):
+def _triangles(triangles, colors, path):
     figure, axes = _panels(1, width=6, height=4)
     axis = axes.flat[0]
     for name in dict.fromkeys(row["method"] for row in triangles):
         own = sorted((row["triangles"], row["seconds"]) for row in triangles if row["method"] == name)
-        axis.plot(*zip(*own, strict=True), "o-", color=colours.get(name), label=name)
+        axis.plot(*zip(*own, strict=True), "o-", color=colors.get(name), label=name)
     axis.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds")
     axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize=8)
@@ -234,8 +234,8 @@ def _table(criteria, rows, path):
         shade[known, column] = rank / max(1, rank.max(initial=0)) if rank.any() else 1
     figure, axes = _panels(1, width=13, height=0.9 + 0.32 * len(rows))
     axis = axes.flat[0]
-    colours = matplotlib.colormaps["RdYlGn"].with_extremes(bad="white")
-    axis.imshow(np.ma.masked_invalid(shade), cmap=colours, vmin=-0.3, vmax=1.3, aspect="auto", alpha=0.7)
+    colors = matplotlib.colormaps["RdYlGn"].with_extremes(bad="white")
+    axis.imshow(np.ma.masked_invalid(shade), cmap=colors, vmin=-0.3, vmax=1.3, aspect="auto", alpha=0.7)
     for (row, column), value in np.ndenumerate(cells):
         if np.isfinite(value):
             text = f"{value:.1f}" if "dB" in criteria[column] else f"{value:.3g}"

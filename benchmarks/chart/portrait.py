@@ -26,7 +26,7 @@ def portrait(s):
         wall=s.plane(2.2, s.diffuse(s.texture(256, 62, 0.15, 0.7))),
         lamp=_lamp(s, [-0.9, 0.7, 0.1], 0.5, 6.0),
         rim=_lamp(s, [0.8, 0.6, -1.4], 0.25, 9.0),
-        sky={"type": "constant", "radiance": s.grey(0.25)},
+        sky={"type": "constant", "radiance": s.gray(0.25)},
         **_eyes(s),
         **_hair(s),
     )
@@ -35,7 +35,7 @@ def portrait(s):
 def _lamp(s, place, size, radiance):
     """A square lamp that shines at the head."""
     to_world = s.T().look_at(origin=place, target=CENTER.tolist(), up=[0, 1, 0]).scale(size)
-    return {"type": "rectangle", "to_world": to_world, **s.emissive(s.grey(radiance))}
+    return {"type": "rectangle", "to_world": to_world, **s.emissive(s.gray(radiance))}
 
 
 def _directions(rows, columns):
@@ -101,7 +101,7 @@ def _head(s):
 
 
 def _eyes(s):
-    white = {"type": "plastic", "diffuse_reflectance": s.grey(0.7)}
+    white = {"type": "plastic", "diffuse_reflectance": s.gray(0.7)}
     iris = {"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": [0.03, 0.09, 0.12]}}
     shapes = {}
     for side in (-1, 1):

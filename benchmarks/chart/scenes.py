@@ -28,7 +28,7 @@ class Scene:
     build : callable
         ``build(Scenes(), pixels)`` gives the scene and its `engine.Camera`.
     foci : (float, float, float)
-        World depths of what stands in front, in the middle and at the back, metres.
+        World depths of what stands in front, in the middle and at the back, meters.
     asks : frozenset of str
         Of 'mirrors', 'glass', 'gloss' and 'indirect': light that pictures with one depth a pixel cannot hold.
     """
@@ -52,10 +52,10 @@ def _seen(make, fov=FOV):
 def _lamp(s, place, target, size, radiance):
     """A square lamp; large ones where mirrors and glass throw its light on surfaces, which paths find by chance."""
     to_world = s.T().look_at(origin=place, target=target, up=[0, 1, 0]).scale(size)
-    return {"type": "rectangle", "to_world": to_world, **s.emissive(s.grey(radiance))}
+    return {"type": "rectangle", "to_world": to_world, **s.emissive(s.gray(radiance))}
 
 
-def _colour(red, green, blue):
+def _color(red, green, blue):
     return {"type": "rgb", "value": [red, green, blue]}
 
 
@@ -80,14 +80,14 @@ def mirror(s):
         (0.40, -0.09, -0.98, (0.8, 0.35, 0.05), 10),
     ]
     for number, (x, y, z, dye, turn) in enumerate(places):
-        bricks |= _brick(s, f"brick_{number}", np.array([x, y, z]), s.diffuse(_colour(*dye)), turn)
+        bricks |= _brick(s, f"brick_{number}", np.array([x, y, z]), s.diffuse(_color(*dye)), turn)
     behind = s.T().translate([0.9, 0, -0.6]).rotate([0, 1, 0], -70).scale([0.9, 0.5, 1])
     return s.scene(
         mirror=s.plane(1.2, {"bsdf": {"type": "conductor"}}, slant=35),
         picture={"type": "rectangle", "to_world": behind, **s.diffuse(s.texture(256, 5))},
         table=s.box([-1, -0.16, -1.6], [1.2, -0.13, -0.5], s.diffuse(s.texture(128, 6, 0.2, 0.7))),
         lamp=_lamp(s, [-1.0, 1.5, 1], [0.2, 0, -1], 1.2, 3.0),
-        sky={"type": "constant", "radiance": s.grey(0.3)},
+        sky={"type": "constant", "radiance": s.gray(0.3)},
         **bricks,
     )
 
@@ -145,11 +145,11 @@ def tea(s):
     foot, china = -0.12, glazed(blue, 0.08)
     pot, near, far = np.array([0.03, foot, -0.85]), [-0.065, foot, -0.6], [0.13, foot, -1.15]
 
-    def saucer(centre, surface):
-        return s.turned([0.0, 0.03, 0.052], [0.002, 0.003, 0.011], centre, surface)
+    def saucer(center, surface):
+        return s.turned([0.0, 0.03, 0.052], [0.002, 0.003, 0.011], center, surface)
 
-    def lifted(centre, height):
-        return np.add(centre, [0, height, 0])
+    def lifted(center, height):
+        return np.add(center, [0, height, 0])
 
     return s.scene(
         table=s.box([-0.8, foot - 0.03, -1.7], [0.8, foot, -0.4], glazed(wood, 0.15)),
@@ -161,7 +161,7 @@ def tea(s):
         near_cup=s.turned(cup, 0.005 + 0.045 * up, near, china, 48),
         far_saucer=saucer(far, china),
         far_cup=s.turned(cup, 0.005 + 0.045 * up, far, glazed(red, 0.08), 48),
-        bowl=s.ball(0.035, lifted([-0.14, foot, -1.1], 0.035), glazed(_colour(0.1, 0.35, 0.15), 0.03)),
+        bowl=s.ball(0.035, lifted([-0.14, foot, -1.1], 0.035), glazed(_color(0.1, 0.35, 0.15), 0.03)),
         lamp=_lamp(s, [0.5, 0.9, -0.3], [0, 0, -0.9], 0.15, 30.0),
         window=_lamp(s, [-1.2, 0.8, 0.2], [0, 0, -1], 0.4, 8.0),
     )

@@ -43,7 +43,7 @@ def random_scene(stage, seed):
     """
     rng = np.random.default_rng([2026, seed])
     lamps = rng.random() < 0.6
-    floor(stage, colour=_random_colour(rng))
+    floor(stage, color=_random_color(rng))
     for number in range(rng.integers(3, 6)):
         _random_object(stage, rng, _random_material(stage, rng, sharp=not lamps), number)
     if lamps:
@@ -52,7 +52,7 @@ def random_scene(stage, seed):
     else:
         panel = stage.plane(1.5, stage.material(EMISSION, "panel", Strength=6.0), "panel", (1.5, 1.5, 4))
         panel.rotation_euler = (-0.4, 0.4, 0)
-    tree = stage.world(_random_colour(rng)[:3], rng.uniform(0.1, 0.5)).node_tree
+    tree = stage.world(_random_color(rng)[:3], rng.uniform(0.1, 0.5)).node_tree
     if rng.random() < 0.5:
         background = shader_of(tree)
         hdri(tuple(rng.uniform(-1, 1, 3)))(stage, tree, background)
@@ -66,24 +66,24 @@ def random_scene(stage, seed):
     data.lens, data.shift_x, data.shift_y = rng.uniform(25, 45), *rng.uniform(-0.1, 0.1, 2)
 
 
-def _random_colour(rng):
+def _random_color(rng):
     return (*rng.uniform(0.1, 0.9, 3), 1)
 
 
 def _random_material(stage, rng, sharp):
     kind = rng.choice(["diffuse", "plastic", "metal", "glossy", "mix", "image", "noise", "glow", "glass"])
     rough = rng.uniform(0.3, 0.6)
-    colour = _random_colour(rng)
+    color = _random_color(rng)
     if kind == "diffuse" or (kind == "glass" and not sharp):
-        return stage.material(DIFFUSE, Color=colour, Roughness=rng.choice([0.0, 0.5]))
+        return stage.material(DIFFUSE, Color=color, Roughness=rng.choice([0.0, 0.5]))
     if kind == "plastic":
-        return stage.material(PRINCIPLED, Base_Color=colour, Roughness=rough, IOR=rng.uniform(1.3, 1.8))
+        return stage.material(PRINCIPLED, Base_Color=color, Roughness=rough, IOR=rng.uniform(1.3, 1.8))
     if kind == "metal":
-        return stage.material(PRINCIPLED, Base_Color=colour, Metallic=1.0, Roughness=0.0 if sharp else rough)
+        return stage.material(PRINCIPLED, Base_Color=color, Metallic=1.0, Roughness=0.0 if sharp else rough)
     if kind == "glossy":
-        return stage.material(GLOSSY, Color=colour, Roughness=rough)
+        return stage.material(GLOSSY, Color=color, Roughness=rough)
     if kind == "mix":
-        material = stage.material(DIFFUSE, Color=colour)
+        material = stage.material(DIFFUSE, Color=color)
         _, gloss = stage.mix(material, GLOSSY, rng.uniform(0.2, 0.8))
         gloss.inputs["Roughness"].default_value = rough
         return material
@@ -92,8 +92,8 @@ def _random_material(stage, rng, sharp):
     if kind == "noise":
         return painted(stage, lambda s, tree: PROCEDURAL["Noise Texture"](tree, _object_space(tree)))
     if kind == "glow":
-        return stage.material(EMISSION, Color=colour, Strength=rng.uniform(0.5, 2))
-    return stage.material(GLASS, Color=colour, Roughness=0.0, IOR=rng.uniform(1.2, 1.6))
+        return stage.material(EMISSION, Color=color, Strength=rng.uniform(0.5, 2))
+    return stage.material(GLASS, Color=color, Roughness=0.0, IOR=rng.uniform(1.2, 1.6))
 
 
 def _object_space(tree):
@@ -134,7 +134,7 @@ def _random_lamp(stage, rng):
     x, y = rng.uniform(-0.4, 0.4, 2)
     place = (3 * math.sin(y), -3 * math.sin(x), 3)  # the lamp's -z then points at the scene
     energy = rng.uniform(1, 3) if kind == "SUN" else rng.uniform(60, 150)
-    stage.lamp(kind, energy, place, (x, y, 0), color=_random_colour(rng)[:3], **values)
+    stage.lamp(kind, energy, place, (x, y, 0), color=_random_color(rng)[:3], **values)
 
 
 def _seeded(seed):

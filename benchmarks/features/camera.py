@@ -37,7 +37,7 @@ def _by_angle(stage, data):
     data.lens_unit, data.angle = "FOV", math.radians(30)
 
 
-def _centimetres(stage, data):
+def _centimeters(stage, data):
     stage.scene.unit_settings.scale_length = 0.01
 
 
@@ -47,7 +47,7 @@ CAMERAS = {
     "clip end before an object": _clipped_far,
     "turned and scaled camera": _turned,
     "field of view": _by_angle,
-    "unit scale 0.01": _centimetres,
+    "unit scale 0.01": _centimeters,
 }
 
 

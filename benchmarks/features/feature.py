@@ -10,7 +10,7 @@ SQUARE, WIDE, TALL = (48, 48), (60, 36), (36, 60)
 
 
 def disk(inner, outer):
-    """Places of a picture by their distance from its centre, in halves of its width."""
+    """Places of a picture by their distance from its center, in halves of its width."""
     return lambda x, y: (inner <= np.hypot(x, y)) & (np.hypot(x, y) < outer)
 
 
@@ -20,7 +20,7 @@ def box(left, right, bottom, top):
 
 
 EVERYWHERE = {"picture": box(-1, 1, -1, 1)}
-BALL = {"centre": disk(0, 0.45), "rim": disk(0.45, 0.72)}
+BALL = {"center": disk(0, 0.45), "rim": disk(0.45, 0.72)}
 MIDDLE = {"middle": box(-0.55, 0.55, -0.55, 0.55)}
 OBJECT = {"object": disk(0, 0.6), "around": disk(0.6, 2)}
 

@@ -185,8 +185,8 @@ def _modifiers(stage, material):
 def _slots(stage, material):
     """Faces of three materials, one of them set on the object instead of the mesh."""
     made = monkey(stage, material)
-    for colour in (BLUE, (0.1, 0.6, 0.1, 1)):
-        made.data.materials.append(stage.material(DIFFUSE, Color=colour))
+    for color in (BLUE, (0.1, 0.6, 0.1, 1)):
+        made.data.materials.append(stage.material(DIFFUSE, Color=color))
     made.data.polygons.foreach_set("material_index", np.arange(len(made.data.polygons)) % 3)
     made.material_slots[2].link = "OBJECT"
     made.material_slots[2].material = stage.material(EMISSION, Color=(0.4, 0.1, 0.3, 1))

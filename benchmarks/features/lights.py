@@ -21,13 +21,13 @@ def _set(stage, material=None):
 LAMPS = {
     "point, radius 0": ("POINT", dict(shadow_soft_size=0.0)),
     "point, radius 0.3": ("POINT", dict(shadow_soft_size=0.3)),
-    "point, coloured": ("POINT", dict(shadow_soft_size=0.1, color=(1, 0.5, 0.1))),
+    "point, colored": ("POINT", dict(shadow_soft_size=0.1, color=(1, 0.5, 0.1))),
     "point, temperature 3000 K": (
         "POINT",
         dict(shadow_soft_size=0.1, use_temperature=True, temperature=3000),
     ),
     "point, exposure 1": ("POINT", dict(shadow_soft_size=0.1, exposure=1.0)),
-    "point, not normalised": ("POINT", dict(shadow_soft_size=0.3, normalize=False)),
+    "point, not normalized": ("POINT", dict(shadow_soft_size=0.3, normalize=False)),
     "spot, sharp": ("SPOT", dict(shadow_soft_size=0.0, spot_size=0.8, spot_blend=0.0)),
     "spot, blended": ("SPOT", dict(shadow_soft_size=0.1, spot_size=1.2, spot_blend=0.6)),
     "spot, large": ("SPOT", dict(shadow_soft_size=0.4, spot_size=1.0, spot_blend=0.2)),
@@ -36,10 +36,10 @@ LAMPS = {
     "area, disk": ("AREA", dict(shape="DISK", size=1.0)),
     "area, ellipse": ("AREA", dict(shape="ELLIPSE", size=1.6, size_y=0.5)),
     "area, spread 60 degrees": ("AREA", dict(size=0.6, spread=math.radians(60))),
-    "area, not normalised": ("AREA", dict(size=1.0, normalize=False, energy=20.0)),
+    "area, not normalized": ("AREA", dict(size=1.0, normalize=False, energy=20.0)),
     "sun, angle 0": ("SUN", dict(angle=0.0)),
     "sun, angle 20 degrees": ("SUN", dict(angle=math.radians(20))),
-    "sun, not normalised": ("SUN", dict(angle=math.radians(20), normalize=False)),
+    "sun, not normalized": ("SUN", dict(angle=math.radians(20), normalize=False)),
 }
 
 

@@ -116,7 +116,7 @@ def _only_volume(stage):
 
 PANES = {
     "Transparent BSDF": lambda stage: stage.material(TRANSPARENT, Color=(1, 1, 1, 1)),
-    "Transparent BSDF grey": lambda stage: stage.material(TRANSPARENT, Color=(0.5, 0.5, 0.5, 1)),
+    "Transparent BSDF gray": lambda stage: stage.material(TRANSPARENT, Color=(0.5, 0.5, 0.5, 1)),
     "Transparent BSDF tinted": lambda stage: stage.material(TRANSPARENT, Color=(0.9, 0.4, 0.2, 1)),
     "Mix with Transparent": _mixed_with_transparent,
     "single sheet of Glass": lambda stage: stage.material(GLASS, Color=WHITE, Roughness=0.0),
@@ -165,7 +165,7 @@ def _add(stage, kind, **values):
 
 
 def _group(stage):
-    """A Diffuse BSDF inside a group inside a group, its colour from outside."""
+    """A Diffuse BSDF inside a group inside a group, its color from outside."""
     inner = _group_of(lambda tree: node(tree, "BsdfDiffuse"))
 
     def nested(tree):

@@ -27,7 +27,7 @@ def studio(stage, world=0.15):
 
 
 def backdrop(stage, depth=-1.4):
-    """A glowing wall of coloured tiles behind the object."""
+    """A glowing wall of colored tiles behind the object."""
     tiles = 0.1 + 0.9 * np.random.default_rng(3).random((6, 6, 3))
     image = stage.image(np.kron(tiles, np.ones((16, 16, 1))), "tiles", True, "Linear Rec.709")
     glow = stage.material(EMISSION, "backdrop")
@@ -35,8 +35,8 @@ def backdrop(stage, depth=-1.4):
     stage.plane(6, glow, "backdrop", (0, 0, depth))
 
 
-def floor(stage, depth=-0.9, colour=WHITE):
-    return stage.plane(8, stage.material(DIFFUSE, "floor", Color=colour), "floor", (0, 0, depth))
+def floor(stage, depth=-0.9, color=WHITE):
+    return stage.plane(8, stage.material(DIFFUSE, "floor", Color=color), "floor", (0, 0, depth))
 
 
 def ball(stage, material=None, radius=1.0, location=(0, 0, 0), name="ball"):
@@ -145,9 +145,9 @@ def grid(stage, material, count=24):
 
 
 def tiles(stage, space="Linear Rec.709", float_buffer=True, count=4, size=64):
-    """An image of coloured tiles, none of them black."""
-    colours = 0.15 + 0.8 * np.random.default_rng(1).random((count, count, 3))
-    pixels = np.kron(colours, np.ones((size // count, size // count, 1)))
+    """An image of colored tiles, none of them black."""
+    colors = 0.15 + 0.8 * np.random.default_rng(1).random((count, count, 3))
+    pixels = np.kron(colors, np.ones((size // count, size // count, 1)))
     return stage.image(pixels, "tiles", float_buffer, space)
 
 

@@ -57,12 +57,12 @@ def extension(kind):
 
 
 def _through(make):
-    """An image's colour through another node."""
+    """An image's color through another node."""
     return lambda stage, tree: make(tree, picture(stage, tree).outputs[0])
 
 
-def _curves(tree, colour):
-    made = node(tree, "RGBCurve", Color=colour)
+def _curves(tree, color):
+    made = node(tree, "RGBCurve", Color=color)
     made.mapping.curves[3].points[0].location = (0, 0.2)
     made.mapping.curves[0].points.new(0.5, 0.8)
     made.mapping.curves[2].points.new(0.5, 0.3)
@@ -70,14 +70,14 @@ def _curves(tree, colour):
     return made.outputs[0]
 
 
-def _mix_colour(tree, colour, blend):
-    made = node(tree, "Mix", data_type="RGBA", blend_type=blend, Factor_Float=0.6, A_Color=colour)
+def _mix_color(tree, color, blend):
+    made = node(tree, "Mix", data_type="RGBA", blend_type=blend, Factor_Float=0.6, A_Color=color)
     made.inputs[7].default_value = BLUE
     return made.outputs[2]
 
 
-def _math(tree, colour):
-    red = node(tree, "SeparateColor", Color=colour).outputs["Red"]
+def _math(tree, color):
+    red = node(tree, "SeparateColor", Color=color).outputs["Red"]
     squared = node(tree, "Math", operation="MULTIPLY")
     tree.links.new(red, squared.inputs[0])
     tree.links.new(red, squared.inputs[1])
@@ -136,7 +136,7 @@ PICTURES = {
         6, dict(vector_type="TEXTURE", translation=(0.3, 0.2, 0), rotation=(0, 0, 0.5), scale=(0.7, 1.2, 1))
     ),
     "image sequence without its first frame": _sequence,
-    "image with alpha, colour": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[0],
+    "image with alpha, color": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[0],
     "image with alpha, alpha": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[1],
     "extension repeat": extension("REPEAT"),
     "extension extend": extension("EXTEND"),
@@ -144,15 +144,15 @@ PICTURES = {
     "extension mirror": extension("MIRROR"),
     "Mapping, texture": lambda stage, tree: picture(stage, tree, _mapping(stage, tree, "TEXTURE")).outputs[0],
     "RGB Curves": _through(_curves),
-    "Mix Color, mix": _through(lambda tree, colour: _mix_colour(tree, colour, "MIX")),
-    "Mix Color, multiply": _through(lambda tree, colour: _mix_colour(tree, colour, "MULTIPLY")),
-    "Mix Color, screen": _through(lambda tree, colour: _mix_colour(tree, colour, "SCREEN")),
+    "Mix Color, mix": _through(lambda tree, color: _mix_color(tree, color, "MIX")),
+    "Mix Color, multiply": _through(lambda tree, color: _mix_color(tree, color, "MULTIPLY")),
+    "Mix Color, screen": _through(lambda tree, color: _mix_color(tree, color, "SCREEN")),
     "Math": _through(_math),
     "ColorRamp": _through(ramp),
-    "Invert Color": _through(lambda tree, colour: node(tree, "Invert", Color=colour).outputs[0]),
-    "Gamma": _through(lambda tree, colour: node(tree, "Gamma", Color=colour, Gamma=2.0).outputs[0]),
+    "Invert Color": _through(lambda tree, color: node(tree, "Invert", Color=color).outputs[0]),
+    "Gamma": _through(lambda tree, color: node(tree, "Gamma", Color=color, Gamma=2.0).outputs[0]),
     "Hue/Saturation/Value": _through(
-        lambda tree, colour: node(tree, "HueSaturation", Color=colour, Hue=0.7, Value=0.8).outputs[0]
+        lambda tree, color: node(tree, "HueSaturation", Color=color, Hue=0.7, Value=0.8).outputs[0]
     ),
     "RGB node": lambda stage, tree: _math(
         tree, node(tree, "Gamma", Color=(0.9, 0.9, 0.9, 1), Gamma=1.5).outputs[0]
@@ -188,24 +188,24 @@ def _two_uv_maps(stage):
     plane.data.uv_layers.new(name="second").uv.foreach_set("vector", uv.ravel())
 
 
-def _vertex_colours(stage, domain, kind, attribute_node):
+def _vertex_colors(stage, domain, kind, attribute_node):
     def source(stage, tree):
         named = {"layer_name": "paint"} if attribute_node == "VertexColor" else {"attribute_name": "paint"}
         return node(tree, attribute_node, **named).outputs["Color"]
 
     data = grid(stage, painted(stage, source), 8).data
     layer = data.color_attributes.new("paint", kind, domain)
-    colours = np.ones((len(layer.data), 4), np.float32)
-    colours[:, :3] = 0.1 + 0.8 * np.random.default_rng(6).random((len(layer.data), 3))
-    layer.data.foreach_set("color", colours.ravel())
+    colors = np.ones((len(layer.data), 4), np.float32)
+    colors[:, :3] = 0.1 + 0.8 * np.random.default_rng(6).random((len(layer.data), 3))
+    layer.data.foreach_set("color", colors.ravel())
 
 
-def _alpha_cut(stage, colour=False, between=None):
+def _alpha_cut(stage, color=False, between=None):
     def source(stage, tree):
         return node(tree, "TexImage", image=_with_alpha(stage)).outputs["Alpha"]
 
     material = painted(stage, source, "Alpha", PRINCIPLED, Base_Color=TAN, Roughness=1.0)
-    if colour:
+    if color:
         inputs = shader_of(material.node_tree).inputs
         texture = inputs["Alpha"].links[0].from_node
         shown = texture.outputs["Color"]
@@ -246,7 +246,7 @@ def _missing_alpha(stage):
     backdrop(stage)
 
 
-def _grey_tiles(stage, tree):
+def _gray_tiles(stage, tree):
     """Numbers from 0.15 to 0.95."""
     return node(tree, "TexImage", image=tiles(stage, "Non-Color")).outputs[0]
 
@@ -254,7 +254,7 @@ def _grey_tiles(stage, tree):
 def _textured(socket, shape=tilted, **values):
     def make(stage):
         values_here = {"Base_Color": TAN, "Roughness": 0.5, **values}
-        shape(stage, painted(stage, _grey_tiles, socket, PRINCIPLED, **values_here))
+        shape(stage, painted(stage, _gray_tiles, socket, PRINCIPLED, **values_here))
 
     return make
 
@@ -282,8 +282,8 @@ def _normal_map(space, strength=1.0):
         normal = np.stack([0.4 * np.sin(x), 0.4 * np.cos(y), np.ones_like(x)], axis=2)
         normal /= np.linalg.norm(normal, axis=2, keepdims=True)
         image = stage.image(0.5 + 0.5 * normal, "normals", True, "Non-Color")
-        colour = node(tree, "TexImage", image=image).outputs[0]
-        return node(tree, "NormalMap", space=space, Color=colour, Strength=strength).outputs[0]
+        color = node(tree, "TexImage", image=image).outputs[0]
+        return node(tree, "NormalMap", space=space, Color=color, Strength=strength).outputs[0]
 
     return source
 
@@ -295,10 +295,10 @@ def _normal_on(source, shape, shader=DIFFUSE, **values):
 MAPPED = {
     "UV map by name": _uv_map,
     "two UV maps in one material": _two_uv_maps,
-    "vertex colours, Color Attribute": lambda s: _vertex_colours(s, "POINT", "FLOAT_COLOR", "VertexColor"),
-    "vertex colours, Attribute, corners": lambda s: _vertex_colours(s, "CORNER", "BYTE_COLOR", "Attribute"),
+    "vertex colors, Color Attribute": lambda s: _vertex_colors(s, "POINT", "FLOAT_COLOR", "VertexColor"),
+    "vertex colors, Attribute, corners": lambda s: _vertex_colors(s, "CORNER", "BYTE_COLOR", "Attribute"),
     "image alpha on Principled Alpha": _alpha_cut,
-    "image colour and alpha on Principled": lambda stage: _alpha_cut(stage, colour=True),
+    "image color and alpha on Principled": lambda stage: _alpha_cut(stage, color=True),
     "image color through Invert Color, and alpha": lambda stage: _alpha_cut(stage, True, "Invert"),
     "packed image": _packed_image,
     "textured Roughness": _textured("Roughness"),

@@ -1,4 +1,4 @@
-"""Worlds: colours, pictures, skies and nodes that mix them, and what the film does to them."""
+"""Worlds: colors, pictures, skies and nodes that mix them, and what the film does to them."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def _outdoors(stage):
     stage.camera.data.lens = 40
 
 
-def _colour(stage, tree, background):
+def _color(stage, tree, background):
     background.inputs["Color"].default_value = (0.2, 0.4, 0.6, 1)
     background.inputs["Strength"].default_value = 1.5
 
@@ -36,9 +36,9 @@ def hdri(rotation=None, kind="POINT"):
 
 def _hdri_through_nodes(stage, tree, background):
     hdri((0, 0, 0.7))(stage, tree, background)
-    colour = background.inputs["Color"].links[0].from_socket
+    color = background.inputs["Color"].links[0].from_socket
     tinted = node(tree, "Mix", data_type="RGBA", blend_type="MULTIPLY", Factor_Float=1.0)
-    tree.links.new(colour, tinted.inputs[6])
+    tree.links.new(color, tinted.inputs[6])
     tinted.inputs[7].default_value = (1, 0.7, 0.4, 1)
     tree.links.new(tinted.outputs[2], background.inputs["Color"])
 
@@ -80,7 +80,7 @@ def _blackbody_world(stage, tree, background):
 
 
 WORLDS = {
-    "world colour": _colour,
+    "world color": _color,
     "HDRI": hdri(),
     "HDRI, turned": hdri((0.4, -0.3, 1.1)),
     "HDRI, turned, texture mapping": hdri((0.4, -0.3, 1.1), "TEXTURE"),

@@ -22,7 +22,7 @@ from holopath_addon.workflow.request import Encoding
 from .sweep import LIMITS, Sweep
 
 SIDE, PITCH, FRAMES = 128, 8e-6, 8
-FOCUS = (0.5, 1.0, 2.0)  # metres: on the near plane, between the two, on the far one
+FOCUS = (0.5, 1.0, 2.0)  # meters: on the near plane, between the two, on the far one
 SPP = 64  # of references
 QUIET_SPP = 512  # where pictures become good, or all light is indirect
 MOST_DB = 60.0  # an error of 1e-3: what is under it counts as none
@@ -37,20 +37,20 @@ def build():
 
 @cache
 def planes():
-    """Two emissive planes in one grey, so that all wavelengths have the same picture."""
+    """Two emissive planes in one gray, so that all wavelengths have the same picture."""
     make = build()
 
-    def grey(texture):
+    def gray(texture):
         shades = np.array(texture["bitmap"]).mean(-1, keepdims=True)
         return make.emissive({**texture, "bitmap": make.mi.Bitmap(np.repeat(shades, 3, -1))})
 
-    return make.two_planes(grey)
+    return make.two_planes(gray)
 
 
 @cache
 def flat(radiance=0.5):
     """An even plane that fills the view, also an upright one, at 1 m."""
-    return build().scene(plane=build().plane(1.0, build().emissive(build().grey(radiance)), 1.0))
+    return build().scene(plane=build().plane(1.0, build().emissive(build().gray(radiance)), 1.0))
 
 
 def camera(fov=FOV):
@@ -176,7 +176,7 @@ def truth_of_propagation(field, distance):
 
 
 def propagated(distance):
-    """Propagation alone, over millimetres."""
+    """Propagation alone, over millimeters."""
     field = speckle()
     ours = propagation.propagate(field, distance * 1e-3, PITCH, GREEN, band="full")
     truth = truth_of_propagation(field, distance * 1e-3)
@@ -188,9 +188,9 @@ def propagated(distance):
     }
 
 
-def distance(millimetres):
+def distance(millimeters):
     """The volume's far end at a distance from the SLM, which may lie in it or before it; the inner part."""
-    far = millimetres * 1e-3
+    far = millimeters * 1e-3
     return compared(planes(), display(far=far, near=far + 2.5e-3), SETTINGS, edge=55)
 
 
@@ -198,9 +198,9 @@ MIN_CAPTURED = 0.75  # of the light: below, pictures are not compared
 EDGE = 32  # pixels: the aperture blurs the picture, whose surroundings it has no light of
 
 
-def aperture(millimetres):
+def aperture(millimeters):
     """One plane in focus, all of the picture, against what the aperture lets through of the truth."""
-    far = millimetres * 1e-3
+    far = millimeters * 1e-3
     hologram = display(far=far, near=far + 1e-3, depth_mapping="fit")
     scene, view, settings = textured(), camera(), replace(SETTINGS, frames=24)
     plan = engine.plan(scene, view, hologram, settings)
@@ -466,15 +466,15 @@ def box_truth():
 
 
 def memory(megapixels):
-    """What the plan of 24 frames in three colours asks for; nothing is rendered."""
+    """What the plan of 24 frames in three colors asks for; nothing is rendered."""
     side = round(math.sqrt(megapixels * 1e6))
     hologram = engine.Hologram(side, side, PITCH, far_wavelengths(), depth_far=1e-3, depth_near=6e-3)
     return _asked(hologram, replace(SETTINGS, frames=24))
 
 
-def memory_distance(millimetres):
+def memory_distance(millimeters):
     """The grid on which 1920 x 1080 pixels reach a picture without wrap-around."""
-    far = millimetres * 1e-3
+    far = millimeters * 1e-3
     hologram = engine.Hologram(1920, 1080, PITCH, far_wavelengths(), depth_far=far, depth_near=far + 5e-3)
     return _asked(hologram, SETTINGS)
 
@@ -848,7 +848,7 @@ SWEEPS = [
     ),
     Sweep(
         "memory",
-        "Pixels of a display with 24 frames in three colours",
+        "Pixels of a display with 24 frames in three colors",
         "megapixels",
         (0.1, 0.5, 1, 2, 4, 8, 12, 16, 20, 24, 32, 40, 50, 60, 67, 70),
         memory,

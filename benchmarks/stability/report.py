@@ -191,8 +191,8 @@ def _chart(have, path):
             axis.set_xscale("symlog" if min(v for v, _ in rows) <= 0 else "log")
         axis.set_title(sweep.name, fontsize=9)
         axis.set_xlabel(sweep.parameter, fontsize=8)
-        for side, colour in ((axis, "tab:blue"), (right, "tab:orange")):
-            side.tick_params(labelsize=7, axis="y", colors=colour)
+        for side, color in ((axis, "tab:blue"), (right, "tab:orange")):
+            side.tick_params(labelsize=7, axis="y", colors=color)
             side.tick_params(labelsize=7, axis="x")
     figure.savefig(path, dpi=70)
     plt.close(figure)
@@ -202,11 +202,11 @@ def _names(rows):
     return list(dict.fromkeys(name for _, figures in rows for name in figures if name not in NOT_FIGURES))
 
 
-def _draw(axis, rows, names, colour, style):
+def _draw(axis, rows, names, color, style):
     for name in names:
         points = [(value, figures[name]) for value, figures in rows if name in figures]
         if points:
             thin = name not in ("psnr", "brightness")
             axis.plot(
-                *zip(*points, strict=True), style, color=colour, marker=".", lw=0.8 if thin else 1.2, ms=3
+                *zip(*points, strict=True), style, color=color, marker=".", lw=0.8 if thin else 1.2, ms=3
             )

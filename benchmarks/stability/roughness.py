@@ -43,7 +43,7 @@ FOLLOWED = (
 
 
 def figures(scene, focus):
-    """PSNR in dB and brightness ratio against Mitsuba's thin-lens camera, focused at a depth in metres."""
+    """PSNR in dB and brightness ratio against Mitsuba's thin-lens camera, focused at a depth in meters."""
     camera = engine.Camera(np.eye(4), FOV)
     far, near = (
         SIDE / 256 * 1e-3,
@@ -59,11 +59,11 @@ def figures(scene, focus):
     return {"psnr": engine.psnr(picture, truth, border), "brightness": ratio}
 
 
-def metal(alpha, **colours):
+def metal(alpha, **colors):
     """A metal mirror, rough but for alpha 0."""
     if alpha == 0:
-        return {"bsdf": {"type": "conductor", **colours}}
-    return {"bsdf": {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **colours}}
+        return {"bsdf": {"type": "conductor", **colors}}
+    return {"bsdf": {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **colors}}
 
 
 def card(build):
@@ -132,15 +132,15 @@ def pane(alpha, focus):
 def coat(alpha, focus):
     """Plastic of a strong reflection, and a texture below it."""
     build = Scenes()
-    colour = {"int_ior": 1.9, "diffuse_reflectance": build.texture(64, 3, 0.1, 0.5)}
+    color = {"int_ior": 1.9, "diffuse_reflectance": build.texture(64, 3, 0.1, 0.5)}
     plastic = (
         {"type": "plastic"} if alpha == 0 else {"type": "roughplastic", "distribution": "ggx", "alpha": alpha}
     )
-    return figures(beside(build, {"bsdf": plastic | colour}), focus)
+    return figures(beside(build, {"bsdf": plastic | color}), focus)
 
 
 def sweep(name, measure, focus, quick=()):
-    """Roughness from a δ lobe on, in a scene that is focused at a depth in metres."""
+    """Roughness from a δ lobe on, in a scene that is focused at a depth in meters."""
     return Sweep(
         name,
         "from a δ lobe to a narrow and a broad one",

@@ -25,7 +25,7 @@ def camera_at(position=(0, 0, 0)):
 
 
 def hologram_of(near=None, volume=(1e-3, 6e-3), pixels=128, pitch=8e-6):
-    """A green hologram, its volume near the SLM as so small an aperture needs; `near` in the world, metres."""
+    """A green hologram, its volume near the SLM as so small an aperture needs; `near` in the world, meters."""
     return engine.Hologram(pixels, pixels, pitch, (GREEN,), *volume, near=near)
 
 
@@ -63,7 +63,7 @@ def against(pictures, truth, field=None):
 
 
 def depth_at(z, near=0.5, volume=(1e-3, 6e-3)):
-    """World depth in metres at a distance from the SLM in metres."""
+    """World depth in meters at a distance from the SLM in meters."""
     return near * (volume[1] - volume[0]) / (z - volume[0])
 
 
@@ -86,9 +86,9 @@ def across_the_plane(wrp):
     return against(pictures, truth) | {"least bright strip": min(strips), "brightest strip": max(strips)}
 
 
-def in_range(millimetres):
+def in_range(millimeters):
     """Planes at both ends of a volume around the SLM, a pixel pitch of 32 µm: each half in its own focus."""
-    s, volume = Scenes(), (-0.5e-3 * millimetres, 0.5e-3 * millimetres)
+    s, volume = Scenes(), (-0.5e-3 * millimeters, 0.5e-3 * millimeters)
     hologram = hologram_of(0.5, volume, pitch=32e-6)
     half = 0.5 * math.tan(FOV / 2)
     scene = s.scene(
@@ -101,16 +101,16 @@ def in_range(millimetres):
     return against(*stitched) | {"rays": field.plan["rays_per_pixel"]}
 
 
-def rays_for(millimetres):
+def rays_for(millimeters):
     """The plan of such a scene for one recording plane, at 8 µm and 256 x 256 pixels."""
-    s, volume = Scenes(), (-0.5e-3 * millimetres, 0.5e-3 * millimetres)
+    s, volume = Scenes(), (-0.5e-3 * millimeters, 0.5e-3 * millimeters)
     one = engine.Settings(planes=1)
     plan = engine.plan(s.two_planes(s.emissive), camera_at(), hologram_of(0.5, volume, pixels=256), one)
     return {"rays": plan.rays_per_pixel, "seconds": plan.seconds, "warnings": len(plan.warnings)}
 
 
 def at_depth(depth):
-    """A textured plane at a depth in metres, in focus; at infinity the same picture as environment."""
+    """A textured plane at a depth in meters, in focus; at infinity the same picture as environment."""
     s = Scenes()
     if math.isfinite(depth):
         scene = s.scene(plane=s.plane(depth, s.emissive(s.texture(128, 1))))
@@ -140,7 +140,7 @@ def turned_by(degrees):
     """A plane that turns until it is seen edge on: between walls at its ends, and alone for its brightness."""
     s, half = Scenes(), 0.5 * 1.25 * math.tan(FOV / 2)
     edge = -0.5 / max(math.tan(math.radians(degrees)), 1e-9)  # of the near wall, which the plane begins at
-    alone = s.scene(plane=slanted(s, degrees, s.emissive(s.grey(1.0))))
+    alone = s.scene(plane=slanted(s, degrees, s.emissive(s.gray(1.0))))
     textured = s.scene(
         plane=slanted(s, degrees, s.emissive(s.texture(128, 3))),
         wall=s.plane(10.0, s.emissive(s.texture(128, 1))),
@@ -197,7 +197,7 @@ def mirrored(power):
 
 
 def image_in_lens(distance):
-    """A scene with a plane in metres behind a plano-convex lens of glass, which is in its focus at 1 m; and where its
+    """A scene with a plane in meters behind a plano-convex lens of glass, which is in its focus at 1 m; and where its
     image is, in dioptres, with the error.
     """
     s, curvature, index, near, thick = Scenes(), 2.0, 1.5, 0.6, 0.02
@@ -325,13 +325,13 @@ def grazing(degrees):
 
 
 def lit_from(radius):
-    """A matt plane under a ball of a radius in metres that always shines with the same power."""
+    """A matt plane under a ball of a radius in meters that always shines with the same power."""
     s = Scenes()
     lamp = {
         "type": "sphere",
         "center": [1.2, 2.0, 0.2],
         "radius": radius,
-        **s.emissive(s.grey(3 / radius**2)),
+        **s.emissive(s.gray(3 / radius**2)),
     }
     scene = s.scene(plane=s.plane(2.0, s.diffuse(s.texture(128, 1))), lamp=lamp)
     return against(*pictures_of(scene, [2.0], hologram=hologram_of(0.5)))
@@ -350,8 +350,8 @@ def contrast(ratio):
     """Two patches at 1 m whose radiances are `ratio` apart; what lies between has none."""
     s = Scenes()
     scene = s.scene(
-        bright=s.plane(1.0, s.emissive(s.grey(1.0)), 0.03, x=-0.06),
-        dark=s.plane(1.0, s.emissive(s.grey(1 / ratio)), 0.03, x=0.06),
+        bright=s.plane(1.0, s.emissive(s.gray(1.0)), 0.03, x=-0.06),
+        dark=s.plane(1.0, s.emissive(s.gray(1 / ratio)), 0.03, x=0.06),
     )
     picture, truth, _ = pictures_of(scene, [1.0], hologram=hologram_of(0.5), frames=24)
     best, size = recorded(truth), truth.shape[1]
@@ -386,7 +386,7 @@ def lit_planes(scale=1.0, place=(0, 0, 0)):
             T().translate([0.6, 0, -0.8]).rotate([0, 1, 0], -90).scale(0.3), s.emissive(s.texture(64, 3))
         ),
         front=rectangle(T().translate([-0.05, 0, -0.5]).scale(0.03), s.emissive(s.texture(64, 2))),
-        lamp=rectangle(lamp, s.emissive(s.grey(20.0))),
+        lamp=rectangle(lamp, s.emissive(s.gray(20.0))),
     )
 
 
@@ -404,9 +404,9 @@ def same_picture(scale=1.0, place=(0, 0, 0), seed=0):
     return against(*pictures_of(scene, focus, camera, hologram, truth=as_it_is(), seed=seed))
 
 
-def moved(metres):
+def moved(meters):
     """The scene and its camera together, so far from the origin along every axis."""
-    return same_picture(place=(metres, metres, -metres))
+    return same_picture(place=(meters, meters, -meters))
 
 
 def seeded(seed):
@@ -475,7 +475,7 @@ SWEEPS = [
     ),
     Sweep(
         "depth range",
-        "the volume grows from less than a depth of focus to a hundred millimetres, around an SLM of 32 µm",
+        "the volume grows from less than a depth of focus to a hundred millimeters, around an SLM of 32 µm",
         "mm",
         (0.1, 0.2, 0.5, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 25, 30, 40, 50, 60, 70, 80, 90, 100),
         in_range,
@@ -650,7 +650,7 @@ SWEEPS = [
     ),
     Sweep(
         "size of a lamp",
-        "a lamp shrinks from a metre to a millimetre at constant power",
+        "a lamp shrinks from a meter to a millimeter at constant power",
         "m",
         (1, 0.7, 0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
         lit_from,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from holopath_addon.engine.errors import InvalidInput
 
-LIMITS = {"psnr": 1.0, "brightness": 0.05}  # largest step between neighbours: dB, and share
+LIMITS = {"psnr": 1.0, "brightness": 0.05}  # largest step between neighbors: dB, and share
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def walk(sweep, values=None, progress=None):
 
 
 def faults(sweep, rows):
-    """What must not be: figures that are no numbers, and steps between neighbours beyond the limits, as sentences."""
+    """What must not be: figures that are no numbers, and steps between neighbors beyond the limits, as sentences."""
     found = []
     for value, figures in rows:
         for name, figure in figures.items():
@@ -94,7 +94,7 @@ def faults(sweep, rows):
 
 
 def steps(sweep, rows, name):
-    """Steps of a figure between neighbours.
+    """Steps of a figure between neighbors.
 
     Returns
     -------

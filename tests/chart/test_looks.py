@@ -139,7 +139,7 @@ def test_flip_is_left_out_without_its_package(hologram, monkeypatch):
     truth = np.stack([pictures] * 2, 1)
     monkeypatch.setitem(sys.modules, "flip_evaluator", SimpleNamespace(evaluate=evaluate, __spec__=object()))
     assert flip(pictures, truth, 8) == pytest.approx(0, abs=1e-6)
-    assert [wanted.shape for wanted, _ in calls] == [(80, 80, 3)] * 3  # one wavelength is grey
+    assert [wanted.shape for wanted, _ in calls] == [(80, 80, 3)] * 3  # one wavelength is gray
     assert flip(pictures[::-1], truth, 8) > 0.1
     monkeypatch.delitem(sys.modules, "flip_evaluator")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -147,7 +147,7 @@ def test_flip_is_left_out_without_its_package(hologram, monkeypatch):
 
 
 def test_white_is_white_through_any_part_of_the_pupil(hologram):
-    """Waves that fill every wavelength's own cone evenly: each part of it is as bright in all colours."""
+    """Waves that fill every wavelength's own cone evenly: each part of it is as bright in all colors."""
     shape = hologram.height, hologram.width
     waves = np.repeat(random_phasors(16, *shape)[:, None], len(RGB), axis=1)
     field = WaveField(waves, hologram, engine.Camera(np.eye(4), 0.35), 0.5, {}, {})

@@ -40,8 +40,8 @@ def test_round_trip():
 def halves(build, near, far, **others):
     """Left half of the view a dark plane at 1 m, behind it a bright one at 2 m."""
     return build.scene(
-        near=build.plane(1.0, build.emissive(build.grey(near)), 0.5, x=-0.5),
-        far=build.plane(2.0, build.emissive(build.grey(far)), 2.0),
+        near=build.plane(1.0, build.emissive(build.gray(near)), 0.5, x=-0.5),
+        far=build.plane(2.0, build.emissive(build.gray(far)), 2.0),
         **others,
     )
 
@@ -72,10 +72,10 @@ def test_a_reflected_camera_sees_a_mirrored_view(build, camera, display):
 
 def lit_by_sky(build, bsdf=None):
     """A diffuse plane in the left half of the view, with the sky behind the viewer and around it."""
-    bsdf = bsdf or {"type": "diffuse", "reflectance": build.grey(0.5)}
+    bsdf = bsdf or {"type": "diffuse", "reflectance": build.gray(0.5)}
     return build.scene(
         near=build.plane(1.0, {"bsdf": {"type": "twosided", "bsdf": bsdf}}, 0.5, x=-0.5),
-        sky={"type": "constant", "radiance": build.grey(0.8)},
+        sky={"type": "constant", "radiance": build.gray(0.8)},
     )
 
 
@@ -107,12 +107,12 @@ def test_an_unseen_sky_is_not_seen_through_masks(build, camera, display):
     pane = {
         "type": "mask",
         "opacity": 0.5,
-        "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": build.grey(0.5)}},
+        "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": build.gray(0.5)}},
     }
     scene = build.scene(
         pane=build.plane(0.8, {"bsdf": pane}, 3.0),
-        back=build.plane(1.0, build.emissive(build.grey(1.0)), 0.5, x=-0.5),
-        sky={"type": "constant", "radiance": build.grey(0.8)},
+        back=build.plane(1.0, build.emissive(build.gray(1.0)), 0.5, x=-0.5),
+        sky={"type": "constant", "radiance": build.gray(0.8)},
     )
     unseen = replace(camera, sees_sky=False)
     found, truth = pictures(scene, unseen, display, 1.0, spp=64)

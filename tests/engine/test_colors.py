@@ -62,7 +62,7 @@ def test_each_color_of_a_dot_is_focused_where_it_should_be(build, camera):
     """Compared with direct sums of the field's pixels, at their place on the bench for each color."""
     hologram = Hologram(64, 64, 8e-6, RGB, **ENDS, near=0.5, optics=APART)
     across, pixel = 0.05, 2 * math.tan(camera.fov_x / 2) / 64
-    dot = build.plane(1.0, build.emissive(build.grey(1.0)), 0.8 * pixel, x=across)
+    dot = build.plane(1.0, build.emissive(build.gray(1.0)), 0.8 * pixel, x=across)
     settings = engine.Settings(frames=1, phase_field="smooth", randomness=0.0, method="full")
     field = engine.render(build.scene(dot=dot), camera, hologram, settings)
     place, z = across * field.mapping.focal, float(field.mapping.depth_to_z(1.0))

@@ -135,7 +135,7 @@ def test_one_program_for_all_sizes_and_distances(build, camera):
     """Another number of pixels, and a scene elsewhere: what took a second to compile serves again."""
     found = []
     for size, depth in ((32, 1.0), (40, 1.4)):
-        scene = build.scene(wall=build.plane(depth, build.diffuse(build.grey(0.5))), sky={"type": "constant"})
+        scene = build.scene(wall=build.plane(depth, build.diffuse(build.gray(0.5))), sky={"type": "constant"})
         hologram = Hologram(size, size, 8e-6, (GREEN,), 0.3e-3, 1.5e-3)
         settings = engine.Settings(frames=2, method="full", fixed={"passes": 8, "slabs": 4 + size // 8})
         found.append(programs(lambda h=hologram, s=scene, w=settings: engine.render(s, camera, h, w), 1000))

@@ -203,7 +203,7 @@ def test_three_colors_are_as_good_as_in_free_space(build, camera):
 
 def test_colors_are_as_bright_as_each_other(build, camera):
     """Phases on their own pixels, whose light reaches 1.4 times as far."""
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5)), 2.0))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(0.5)), 2.0))
     field = engine.render(scene, camera, panel(48, RGB), SETTINGS)
     picture = engine.reconstruct(field, [1.0])[0, 6:-6, 6:-6]
     np.testing.assert_allclose(picture.mean((0, 1)), 0.5, rtol=0.02)
@@ -299,7 +299,7 @@ def test_one_frame_needs_room_beside_the_picture(slanted, camera):
 
 def test_the_scene_goes_on_beside_a_share_of_the_picture(build, camera):
     """So that the picture's border is as bright as the rest out of focus, as a thin lens sees it."""
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5)), 2.0))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(0.5)), 2.0))
     borders = []
     for share in (0.6, 1.0):
         lens, ends = Lens(FOCAL, FOCAL, FOCAL, share), {"depth_far": -0.06, "depth_near": 0.02}

@@ -136,7 +136,7 @@ def test_a_dot_is_focused_where_it_should_be(build, camera, size, pitch):
     hologram = Hologram(*size, pitch, (GREEN,), **ENDS, near=0.5)
     across, upward = 0.05, -0.08  # of the view, tangents
     pixel = 2 * math.tan(camera.fov_x / 2) / 64
-    dot = build.plane(1.0, build.emissive(build.grey(1.0)), 0.8 * pixel, x=across)
+    dot = build.plane(1.0, build.emissive(build.gray(1.0)), 0.8 * pixel, x=across)
     dot["to_world"] = build.T().translate([0, upward, 0]) @ dot["to_world"]
     settings = engine.Settings(frames=1, phase_field="smooth", randomness=0.0, method="full")
     field = engine.render(build.scene(dot=dot), camera, hologram, settings)

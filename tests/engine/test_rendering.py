@@ -133,7 +133,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
     pixel = 2 * math.tan(camera.fov_x / 2) / hologram.width
     for depth in depths:
         place = min(depth, 1e5)
-        scene = build.scene(dot=build.plane(place, build.emissive(build.grey(1.0)), 1.2 * pixel * place))
+        scene = build.scene(dot=build.plane(place, build.emissive(build.gray(1.0)), 1.2 * pixel * place))
         field = engine.render(scene, camera, hologram, engine.Settings(frames=8))
         truth = float(field.mapping.depth_to_z(depth))
         z = truth + np.linspace(-1.5e-3, 1.5e-3, 41)
@@ -149,7 +149,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
 def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera):
     """An image of 160 x 160 pixels has some 5,000 speckles: their contrast is known within 1 %."""
     hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5))))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(0.5))))
     for frames in (1, 8, 24):
         field = engine.render(scene, camera, hologram, engine.Settings(frames=frames, phase_field="random"))
         for picture in engine.reconstruct(field, [0.7, 1.4]):  # out of focus: fully developed speckle
@@ -161,8 +161,8 @@ def test_sky_is_at_infinity(build, camera, small):
     sky = build.mi.load_dict(
         {
             "type": "scene",
-            "sky": {"type": "constant", "radiance": build.grey(0.8)},
-            "near": build.plane(0.5, build.emissive(build.grey(0.1)), 0.03),
+            "sky": {"type": "constant", "radiance": build.gray(0.8)},
+            "near": build.plane(0.5, build.emissive(build.gray(0.1)), 0.03),
         }
     )
     field, rows = compare(sky, camera, small, engine.Settings(frames=24), [0.5, math.inf], spp=64)
@@ -262,7 +262,7 @@ def test_brightness_over_albedo_in_color(build, camera, reflectance):
     scene = build.scene(
         wall=build.plane(2.0, build.diffuse(color)),
         front=build.plane(0.8, build.diffuse(color), 0.06, x=-0.05),
-        lamp={"type": "rectangle", "to_world": lamp_place, **build.emissive(build.grey(20.0))},
+        lamp={"type": "rectangle", "to_world": lamp_place, **build.emissive(build.gray(20.0))},
     )
     _, rows = compare(scene, camera, hologram, engine.Settings(frames=24), [0.8, 2.0])
     for depth, picture, reference in rows:
@@ -281,7 +281,7 @@ def test_brightness_over_slope(build, camera, small, slant):
 @pytest.mark.parametrize("radiance", ["grain", "ray"])
 def test_nothing_around_things_takes_no_light_from_them(build, camera, small, radiance):
     """Rays that miss all surfaces, where there is no sky, are in no grain's mean."""
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.6)), 0.06))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(0.6)), 0.06))
     settings = engine.Settings(frames=24, radiance=radiance)
     _, rows = compare(scene, camera, small, settings, [1.0], spp=64)
     assert brightness(*rows[0][1:]) == pytest.approx(1, abs=0.03)

@@ -48,7 +48,7 @@ def test_the_shares_of_a_plane_s_grains_are_one(backend, slopes, distance):
 def uniform(build, camera, shape, focus, lens=False, frames=24, **settings):
     """The mean of the pictures at some distances of a shape of radiance 1, or the same by a thin lens."""
     hologram = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), 1e-3, 3.5e-3, near=0.4)
-    scene = build.scene(shape={**shape, **build.emissive(build.grey(1.0))})
+    scene = build.scene(shape={**shape, **build.emissive(build.gray(1.0))})
     if lens:
         return engine.reference(scene, camera, hologram, focus, spp=32, near=0.4, max_depth=1).mean((0, 3))
     field = engine.render(scene, camera, hologram, engine.Settings(frames=frames, max_depth=1, **settings))

@@ -48,7 +48,7 @@ def test_planes_of_any_slope_are_as_bright_as_they_are(build, camera, turned, ra
 def test_planes_at_any_depth_are_as_bright_as_they_are(build, camera, depth, randomness):
     """Brightness from a distant recording plane, which by the table of random phases is off by half."""
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 1e-3, 3.5e-3, near=0.4)
-    scene = build.scene(plane=build.plane(depth, build.emissive(build.grey(1.0))))
+    scene = build.scene(plane=build.plane(depth, build.emissive(build.gray(1.0))))
     how = {**SMOOTH, "randomness": randomness, "frames": 12 if randomness else 1}
     settings = engine.Settings(max_depth=1, wrp=2.2e-3, planes=1, **how)
     pictures = engine.reconstruct(engine.render(scene, camera, hologram, settings), [0.5, depth])
@@ -72,8 +72,8 @@ def before_a_wall(build, bsdf, thick=None, light=2.0):
     lamp = T().translate([0.5, 0, -0.5]).rotate([0, 1, 0], -90).scale(0.4)
     return build.scene(
         pane={"type": "cube" if thick else "rectangle", "to_world": place, "bsdf": bsdf},
-        side={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(light))},
-        far=build.plane(1.0, build.emissive(build.grey(0.5))),
+        side={"type": "rectangle", "to_world": lamp, **build.emissive(build.gray(light))},
+        far=build.plane(1.0, build.emissive(build.gray(0.5))),
     )
 
 
@@ -85,7 +85,7 @@ def test_what_is_seen_over_one_another_adds_up(build, camera, what):
     elif what == "thick pane":  # with two reflections, which are 40 % of the light
         scene = before_a_wall(build, {"type": "dielectric", "int_ior": 1.5}, thick=0.02)
     else:
-        plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.grey(0.3)}
+        plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.gray(0.3)}
         scene = before_a_wall(build, plastic, light=3.0)
     ratios, values = measure(build, camera, scene, [1.0, 0.7])
     assert ratios == pytest.approx([1, 1], abs=0.02)

@@ -84,7 +84,7 @@ def test_bits_that_a_packing_does_not_name_are_refused(tmp_path):
     foreign.png(tmp_path / "a.png", COLOR, 8)
     with pytest.raises(InvalidInput, match="bits besides those of the packing slm-200"):
         phases(tmp_path / "a.png", packing="slm-200")
-    with pytest.raises(InvalidInput, match="no packing magic: choose one of colour, bits, slm-200"):
+    with pytest.raises(InvalidInput, match="no packing magic: choose one of color, bits, slm-200"):
         phases(tmp_path / "a.png", packing="magic")
     foreign.png(tmp_path / "a.png", COLOR.astype(np.uint16) << 8, 16)
     with pytest.raises(InvalidInput, match="bits of 8-bit channels, not of uint16"):

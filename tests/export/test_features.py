@@ -16,7 +16,7 @@ from benchmarks.stage import Stage  # noqa: E402
 EVERY_DAY = """
 area lamp on a polished ball | Bump from an image | clip end before an object | custom normals
 depth of field ignored | extension clip | film transparent | hair curves | hair particles | HDRI, turned
-hidden and excluded | image with alpha, colour | light nodes, IES | Mapping, texture | material slots | mesh
+hidden and excluded | image with alpha, color | light nodes, IES | Mapping, texture | material slots | mesh
 metaball | missing image | Mix Shader by Fresnel | Mix Shader by Layer Weight, Facing | negative scale
 node group | Noise Texture, UV | Normal Map, tangent space | NURBS surface | point lamp on a rough metal
 Principled Coat Roughness 0.3, coat weight 1 | Principled Coat Weight 1, metallic 1, roughness 0.4

@@ -320,7 +320,7 @@ def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("colour = 1", "Expected keys among cores, memory, walltime, jobs, queue, account, interface, logs"),
+        ("color = 1", "Expected keys among cores, memory, walltime, jobs, queue, account, interface, logs"),
         ("cores = true", "to be a whole number from 1 on, got True"),
         ("jobs = 0", "to be a whole number from 1 on, got 0"),
         ("queue = 3", "to be text, got 3"),

@@ -246,7 +246,7 @@ def test_fit_where_the_correction_is_of_another_size():
     ("holograms", "options", "says"),
     [
         ([], {}, "no hologram"),
-        ([{}], {"packing": "magic"}, "time, colour, bits"),
+        ([{}], {"packing": "magic"}, "time, color, bits"),
         ([{}], {"order": "RGG"}, "order of the channels R, G and B"),
         ([{}], {"order": "RGBA"}, "order of the channels R, G and B"),
         ([{}], {"order": ""}, "order of the channels R, G and B"),

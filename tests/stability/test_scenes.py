@@ -91,10 +91,10 @@ def test_too_many_rays_are_refused_in_a_sentence(backend):
 
 
 @pytest.mark.parametrize(
-    ("scale", "metres", "warns"),
+    ("scale", "meters", "warns"),
     [pytest.param(1, 0, False, marks=pytest.mark.slow), (1e-3, 0, True), (1, 100, False), (1, 1e3, True)],
 )
-def test_single_precision_is_warned_of(backend, scale, metres, warns):
-    place = (metres, metres, -metres)
+def test_single_precision_is_warned_of(backend, scale, meters, warns):
+    place = (meters, meters, -meters)
     plan = engine.plan(lit_planes(scale, place), camera_at(place), hologram_of(0.5 * scale))
     assert any("off surfaces" in warning for warning in plan.warnings) == warns

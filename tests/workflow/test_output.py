@@ -10,7 +10,7 @@ from holopath_addon.workflow import output
 
 def test_reports_of_the_version_before_are_read_by_current_names(tmp_path, recwarn):
     former = {name: number for number, name in enumerate(FORMER_NAMES["report entry"])}
-    (tmp_path / "report.json").write_text(json.dumps(former | {"focus_asked": ["centre", 2.5], "spp": 3}))
+    (tmp_path / "report.json").write_text(json.dumps(former | {"focus_asked": ["center", 2.5], "spp": 3}))
     report = output.read_report(tmp_path)
     assert report.pop("requested_focus") == ["center", 2.5] and report.pop("spp") == 3
     current = {new: former[old] for old, new in FORMER_NAMES["report entry"].items() if old != "focus_asked"}

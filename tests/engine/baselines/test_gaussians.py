@@ -183,8 +183,8 @@ def test_pictures_of_two_planes(build, camera):
 
 def test_a_dark_surface_hides_what_is_behind(build, camera):
     scene = build.scene(
-        far=build.plane(2.0, build.emissive(build.grey(1.0))),
-        near=build.plane(0.5, build.diffuse(build.grey(0.0)), 0.04, 0.04),
+        far=build.plane(2.0, build.emissive(build.gray(1.0))),
+        near=build.plane(0.5, build.diffuse(build.gray(0.0)), 0.04, 0.04),
     )
     field = engine.render(scene, camera, hologram(), engine.Settings(frames=4, spp=16, method="gaussian"))
     picture = engine.reconstruct(field, [0.5])[0, ..., 0]
@@ -193,7 +193,7 @@ def test_a_dark_surface_hides_what_is_behind(build, camera):
 
 
 def test_cancel(build, camera):
-    scene = build.scene(far=build.plane(1.0, build.emissive(build.grey(1.0))))
+    scene = build.scene(far=build.plane(1.0, build.emissive(build.gray(1.0))))
     reports = []
 
     def progress(done, message):

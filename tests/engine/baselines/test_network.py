@@ -54,7 +54,7 @@ def show(backend, tmp_path, monkeypatch):
     (tmp_path / "broken.py").write_text("import a_module_that_is_not_there")
     monkeypatch.syspath_prepend(tmp_path)
     scenes = Scenes()
-    scene = scenes.scene(wall=scenes.plane(1.0, scenes.emissive(scenes.grey(0.5))))
+    scene = scenes.scene(wall=scenes.plane(1.0, scenes.emissive(scenes.gray(0.5))))
     hologram = engine.Hologram(SIDE, SIDE, 8e-6, (GREEN, 640e-9), 0.2e-3, 0.4e-3, near=0.5)
 
     def render(name):

@@ -109,8 +109,8 @@ def test_a_slanted_picture_is_as_bright_and_nearly_as_sharp_as_the_truth(build, 
 
 def test_what_is_hidden_from_the_pupils_center_is_not_shown(build, camera):
     """A bright wall behind a black one that covers the left half, seen through the middle of the pupil."""
-    near = build.plane(0.5, build.emissive(build.grey(0.0)), 0.1, 0.15, x=-0.1)
-    scene = build.scene(wall=build.plane(2.0, build.emissive(build.grey(1.0))), near=near)
+    near = build.plane(0.5, build.emissive(build.gray(0.0)), 0.1, 0.15, x=-0.1)
+    scene = build.scene(wall=build.plane(2.0, build.emissive(build.gray(1.0))), near=near)
     hologram = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), 1e-3, 4e-3)
     field = engine.render(scene, camera, hologram, engine.Settings(method="point", frames=8, spp=4))
     diameter = field.mapping.pupil_radius(hologram.max_slope(GREEN))

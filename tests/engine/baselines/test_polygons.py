@@ -140,8 +140,8 @@ def test_frames_and_colors_have_phases_of_their_own(monkeypatch):
 def test_hidden_facets_keep_their_place_and_radiance(build, camera):
     """The wall that a ball hides lies behind it, not the ball's own back, and it is as bright as beside it."""
     scene = build.scene(
-        wall=build.plane(2.0, build.emissive(build.grey(0.6))),
-        ball={"type": "sphere", "center": [0, 0, -0.6], "radius": 0.05, **build.emissive(build.grey(0.2))},
+        wall=build.plane(2.0, build.emissive(build.gray(0.6))),
+        ball={"type": "sphere", "center": [0, 0, -0.6], "radius": 0.05, **build.emissive(build.gray(0.2))},
     )
     hologram = engine.Hologram(96, 96, PITCH, (GREEN,), FAR, NEAR)
     plan = engine.plan(scene, camera, hologram, engine.Settings())

@@ -52,10 +52,10 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, depth):
     """Objects at both ends of the volume, so that the plane lies at any height over the hogels'."""
     half = 0.5 * np.tan(FOV / 2)
     chips = {
-        f"chip_{n}": build.plane(d, build.emissive(build.grey(0.3)), 0.1 * d * half, x=1.8 * d * half)
+        f"chip_{n}": build.plane(d, build.emissive(build.gray(0.3)), 0.1 * d * half, x=1.8 * d * half)
         for n, d in enumerate((0.5, 2.0))
     }
-    scene = build.scene(wall=build.plane(depth, build.emissive(build.grey(0.3))), **chips)
+    scene = build.scene(wall=build.plane(depth, build.emissive(build.gray(0.3))), **chips)
     hologram = display(wavelengths=(640e-9, GREEN))
     field = render(scene, camera, hologram, 4)
     picture = engine.reconstruct(field, [depth])[0, 40:-40, 40:100]
@@ -67,7 +67,7 @@ def card_before_wall(build, radiance=0.02):
     half = 0.5 * np.tan(FOV / 2)
     return build.scene(
         wall=build.plane(2.0, build.emissive(build.texture(64, 1, contrast=4))),
-        card=build.plane(0.5, build.emissive(build.grey(radiance)), 0.5 * half),
+        card=build.plane(0.5, build.emissive(build.gray(radiance)), 0.5 * half),
     )
 
 
@@ -97,7 +97,7 @@ def test_views_through_halves_of_the_pupil(build, camera):
 
 
 def test_frames_are_independent(build, camera):
-    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5))))
     data = render(scene, camera, display(), 3).data[:, 0]
     gram = np.array([[abs(np.vdot(a, b)) for a in data] for b in data])
     gram /= np.sqrt(np.outer(gram.diagonal(), gram.diagonal()))
@@ -140,7 +140,7 @@ def test_cancelled(build, camera):
         if calls.count == 2:
             raise engine.Cancelled
 
-    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5))))
     with pytest.raises(engine.Cancelled):
         settings = engine.Settings(method="stereogram", frames=1, max_depth=1)
         engine.render(scene, camera, display(), settings, progress=progress)

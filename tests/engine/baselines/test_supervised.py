@@ -66,7 +66,7 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
 )
 def test_phases_begin_as_random_as_is_set(build, camera, frames, randomness, smooth):
     """Phases after one step of at most a fifth of a radian: around a checkerboard, aimed, or random."""
-    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5))))
     hologram = display(side=64)
     field = render("focal-stack", wall, camera, hologram, frames, 1, spp=1, randomness=randomness)
     start = aimed_waves(frames, (64, 64)) * np.exp(1j * even_double_phase((64, 64)))
@@ -78,7 +78,7 @@ def test_phases_begin_as_random_as_is_set(build, camera, frames, randomness, smo
 @pytest.mark.parametrize("frames", [1, 3])
 def test_a_plane_of_few_frames_is_as_bright(build, camera, method, frames):
     """Whose phases are the same all over, or nearly: the band keeps more of their light than of random ones."""
-    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5))))
     field = render(method, wall, camera, display(side=96), frames, spp=1)
     assert inner(engine.reconstruct(field, [1.0])[0]).mean() == pytest.approx(0.5, rel=0.05)
 
@@ -104,7 +104,7 @@ def test_one_frame_shows_more_than_speckle(build, camera, method, monkeypatch):
 
 def test_layers_of_one_frame_meet_without_lines(build, camera):
     """A slanted plane over several layers: their light adds up like one wave's."""
-    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5)), slant=50))
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5)), slant=50))
     field = render("rgbd", scene, camera, display(), 1, spp=1)
     images = inner(engine.reconstruct(field, [1.0])[0])[..., 0].mean(0)
     assert images.std() < 0.15 * images.mean()
@@ -112,7 +112,7 @@ def test_layers_of_one_frame_meet_without_lines(build, camera):
 
 def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
     """Loss of a small display far from its image: large, as for all waves that spread over the cone."""
-    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.5))))
     field = render("rgbd", wall, camera, display(side=64), 8)
     z = float(field.mapping.depth_to_z(1.0))
     rng = np.random.default_rng(0)
@@ -151,8 +151,8 @@ def test_sharp_where_it_is_in_focus(build, camera, method, bound):
 def test_a_card_hides_what_is_behind_it(build, camera, method):
     half = 0.5 * np.tan(FOV / 2)
     scene = build.scene(
-        wall=build.plane(2.0, build.emissive(build.grey(1.0))),
-        card=build.plane(0.5, build.emissive(build.grey(0.02)), 0.5 * half),
+        wall=build.plane(2.0, build.emissive(build.gray(1.0))),
+        card=build.plane(0.5, build.emissive(build.gray(0.02)), 0.5 * half),
     )
     near = engine.reconstruct(render(method, scene, camera, display(), 4), [0.5])[0]
     assert inner(near, 44).mean() < (0.35 if method == "light-field" else 0.15)  # in so few steps
@@ -165,8 +165,8 @@ def test_layers_block_as_waves(build, camera):
 
     half = 0.5 * np.tan(FOV / 2)
     scene = build.scene(
-        wall=build.plane(2.0, build.emissive(build.grey(1.0))),
-        card=build.plane(0.5, build.emissive(build.grey(0.25)), 0.5 * half),
+        wall=build.plane(2.0, build.emissive(build.gray(1.0))),
+        card=build.plane(0.5, build.emissive(build.gray(0.25)), 0.5 * half),
     )
     hologram = display()
     field = render("rgbd", scene, camera, hologram, 2)

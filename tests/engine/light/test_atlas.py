@@ -31,7 +31,7 @@ def two_parts(build, surface):
 
 def mixed(build):
     """Charts, triangles too small for them, two instances of a group, and parts of very different size."""
-    T, gray = build.T, build.diffuse(build.grey(0.5))
+    T, gray = build.T, build.diffuse(build.gray(0.5))
     group = {
         "type": "shapegroup",
         "cube": {"type": "cube", **gray},
@@ -168,7 +168,7 @@ def test_texels_where_triangles_meet_are_the_same_each_time(build):
     """Baked light is found by them: many triangles race for the texels at their edges."""
     angle = np.linspace(0, np.pi, 200)
     ball = build.turned(
-        0.3 * np.sin(angle), -0.3 * np.cos(angle), [0, 0, -1], build.diffuse(build.grey(0.5)), 200
+        0.3 * np.sin(angle), -0.3 * np.cos(angle), [0, 0, -1], build.diffuse(build.gray(0.5)), 200
     )
     atlas = laid_out(build.scene(ball=ball))
     assert atlas.triangles.count > 70_000
@@ -181,7 +181,7 @@ def test_shapes_in_the_same_bounds_keep_their_rows(build):
 
     def sheet(angle):  # of different colors: Mitsuba makes one mesh of others
         place = build.T().rotate([0, 1, 0], angle).scale([0.5, 0.5, 1])
-        return {"type": "rectangle", "to_world": place, **build.diffuse(build.grey(0.5 + angle / 1000))}
+        return {"type": "rectangle", "to_world": place, **build.diffuse(build.gray(0.5 + angle / 1000))}
 
     one, other = (laid_out(build.scene(a=sheet(a), b=sheet(-a))) for a in (45, -45))
     for mine, theirs in zip(one.triangles.meshes, other.triangles.meshes, strict=True):
@@ -192,7 +192,7 @@ def test_too_many_texels_are_made_larger(build, monkeypatch):
     from holopath_addon.engine.light import atlas
 
     monkeypatch.setattr(atlas, "MAX_TEXELS", 1 << 16)
-    scene = build.scene(a=build.ball(0.3, [0, 0, -1], build.diffuse(build.grey(0.5))))
+    scene = build.scene(a=build.ball(0.3, [0, 0, -1], build.diffuse(build.gray(0.5))))
     laid = laid_out(scene, 5e-4)
     assert laid.layout.coarser > 3 and laid.size < 2 << 16
     assert laid.layout.texel[0] == pytest.approx(5e-4 * laid.layout.coarser)
@@ -200,7 +200,7 @@ def test_too_many_texels_are_made_larger(build, monkeypatch):
 
 @pytest.mark.parametrize("scale", [1e-5, 1e6])
 def test_scale_does_not_matter(build, scale):
-    gray = build.diffuse(build.grey(0.5))
+    gray = build.diffuse(build.gray(0.5))
     scene = build.scene(a=build.ball(scale, [0, 0, 0], gray), b=build.ball(scale, [2 * scale, 0, 0], gray))
     atlas = laid_out(scene, 0.02 * scale)
     surface, front, _ = hits(build, scene, 1 << 12)
@@ -214,7 +214,7 @@ def test_broken_triangles_do_no_harm(build):
     flat[3], flat[:, 5] = flat[2], flat[:, 4]
     wild = grid(build, 9, [1, 0, -1], 0.3)
     wild[0, 0], wild[4, 0] = np.nan, np.inf
-    gray = build.diffuse(build.grey(0.5))
+    gray = build.diffuse(build.gray(0.5))
     nothing = build.mesh(0 * flat - 1, gray)
     scene = build.scene(
         a=build.mesh(flat, gray), b=build.mesh(flat, gray), c=nothing, d=build.mesh(wild, gray)

@@ -16,7 +16,7 @@ from holopath_addon.engine.light.bake_store import SUFFIX, Stored
 def triangles(build):
     from holopath_addon.engine.light.atlas import Triangles
 
-    scene = build.scene(a=build.plane(1.0, build.diffuse(build.grey(0.5))))
+    scene = build.scene(a=build.plane(1.0, build.diffuse(build.gray(0.5))))
     return Triangles(scene, lambda shape: True)
 
 

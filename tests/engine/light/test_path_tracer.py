@@ -64,7 +64,7 @@ def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
 
     mi, rays, rng = build.mi, 1 << 16, np.random.default_rng(0)
     parts = {"wall": build.plane(1.2, build.diffuse({"type": "rgb", "value": [0.7, 0.5, 0.2]}), 2.0)}
-    parts["card"] = build.plane(0.9, build.emissive(build.grey(0.5)), 0.02, x=0.3)
+    parts["card"] = build.plane(0.9, build.emissive(build.gray(0.5)), 0.02, x=0.3)
     for number in range(12):
         x, y = rng.uniform(-0.5, 0.5, 2)
         place = build.T().translate([float(x), float(y), -0.6])

@@ -131,7 +131,7 @@ def lamp(build, radiance=20.0, scale=1.0):
     return {
         "type": "rectangle",
         "to_world": build.T().scale(scale) @ place.scale(0.5),
-        **build.emissive(build.grey(radiance)),
+        **build.emissive(build.gray(radiance)),
     }
 
 
@@ -139,7 +139,7 @@ def stage(build, wall=None, **shapes):
     """A wall and a floor below a lamp."""
     floor = build.T().translate([0, -0.12, -0.6]).rotate([1, 0, 0], -90).scale([0.4, 0.5, 1])
     return build.scene(
-        wall=build.plane(1.0, wall or build.diffuse(build.grey(0.7)), 0.4),
+        wall=build.plane(1.0, wall or build.diffuse(build.gray(0.7)), 0.4),
         floor={"type": "rectangle", "to_world": floor, **build.diffuse(rgb(0.6, 0.5, 0.3))},
         lamp=lamp(build),
         **shapes,
@@ -176,7 +176,7 @@ def surfaces(build):
         glow=build.box(
             [-0.12, -0.11, -0.8],
             [-0.05, -0.09, -0.7],
-            build.diffuse(rgb(0.7, 0.3, 0.3)) | build.emissive(build.grey(0.1)),
+            build.diffuse(rgb(0.7, 0.3, 0.3)) | build.emissive(build.gray(0.1)),
         ),
         sky={"type": "constant", "radiance": rgb(0.1, 0.15, 0.2)},
     )
@@ -207,7 +207,7 @@ def test_an_evenly_lit_room_has_no_dark_edges(build, camera):
         "flip_normals": True,
         "to_world": build.T().translate([0, 0, -1]).scale([0.5, 0.5, 1.1]),
     }
-    scene = build.scene(walls=walls | build.diffuse(build.grey(share)) | build.emissive(build.grey(emitted)))
+    scene = build.scene(walls=walls | build.diffuse(build.gray(share)) | build.emissive(build.gray(emitted)))
     cache, done = bake(scene, camera, max_depth=24)  # 5e-6 of the light is left then
     found = np.array(cache.fine).reshape(-1, 4)[1:]
     assert done.traced == () and (found[:, 3] > 0).all()
@@ -233,7 +233,7 @@ def test_branches_of_a_clear_coat_add_up(build, camera):
     from holopath_addon.engine.light.path_tracer import PathTracer
 
     coat = {"bsdf": {"type": "plastic", "diffuse_reflectance": rgb(0.5, 0.3, 0.2)}}
-    scene = stage(build, coat, sky={"type": "constant", "radiance": build.grey(1.0)})
+    scene = stage(build, coat, sky={"type": "constant", "radiance": build.gray(1.0)})
     cache, _ = bake(scene, camera)
     light = {}
     for known in (cache, None):
@@ -252,8 +252,8 @@ def test_patterns_finer_than_texels_stay_sharp(build, camera):
     """Along each ray, where a texel covers black and white squares."""
     squares = {
         "type": "checkerboard",
-        "color0": build.grey(0.0),
-        "color1": build.grey(0.9),
+        "color0": build.gray(0.0),
+        "color1": build.gray(0.9),
         "to_uv": build.T().scale([300, 300, 1]),
     }
     scene = stage(build, build.diffuse(squares))
@@ -306,9 +306,9 @@ def test_views_without_anything_to_bake(build, camera, kind):
         "principled": {"thing": build.plane(1.0, {"bsdf": {"type": "principled"}}, 0.4)},
         "sphere": {"thing": {"type": "sphere", "center": [0, 0, -1.4], "radius": 0.5, **build.diffuse(0.5)}},
         "metal": {"thing": build.plane(1.0, {"bsdf": {"type": "roughconductor", "alpha": 0.3}}, 0.4)},
-        "lamp": {"thing": build.plane(1.0, build.emissive(build.grey(1.0)), 0.4)},
+        "lamp": {"thing": build.plane(1.0, build.emissive(build.gray(1.0)), 0.4)},
     }
-    bulb = {"type": "sphere", "center": [0.5, 0.5, 0.5], "radius": 0.2, **build.emissive(build.grey(5.0))}
+    bulb = {"type": "sphere", "center": [0.5, 0.5, 0.5], "radius": 0.2, **build.emissive(build.gray(5.0))}
     scene = build.scene(**things[kind], bulb=bulb)
     cache, _ = bake(scene, camera)
     light, _ = truth(build, scene, camera, each=64)
@@ -405,7 +405,7 @@ def test_a_side_that_was_never_seen_is_not_black(build, camera, tmp_path):
             "type": "sphere",
             "center": [0.3, 0.6, z],
             "radius": 0.2,
-            **build.emissive(build.grey(5)),
+            **build.emissive(build.gray(5)),
         }
         for z in (0, -2)
     }
@@ -479,7 +479,7 @@ def test_surfaces_that_touch(build, camera, monkeypatch):
         return found[-1]
 
     monkeypatch.setattr(gathering._Sampling, "sums", seen)
-    gray, places = build.diffuse(build.grey(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
+    gray, places = build.diffuse(build.gray(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
     bricks = {
         f"brick_{turn}": build.box([x - 0.05, -0.1, -0.8], [x + 0.05, 0.0, -0.7], gray, turn)
         for x, turn in places
@@ -498,7 +498,7 @@ def test_scale_does_not_matter(build, scale):
     floor = T().scale(scale) @ T().translate([0, -0.12, -0.6]).rotate([1, 0, 0], -90).scale([0.4, 0.5, 1])
     camera = engine.Camera(np.eye(4), FOV, clip_start=0.01 * scale, clip_end=10 * scale)
     scene = build.scene(
-        wall=build.plane(scale, diffuse(build.grey(0.7)), 0.4 * scale),
+        wall=build.plane(scale, diffuse(build.gray(0.7)), 0.4 * scale),
         floor={"type": "rectangle", "to_world": floor, **diffuse(rgb(0.6, 0.5, 0.3))},
         lamp=lamp(build, scale=scale),
     )
@@ -564,11 +564,11 @@ def test_a_plain_to_the_horizon_coarsens_nothing_else(build, camera, tmp_path):
     """It is traced, here and when the light is used again; what stands on it keeps texels of a pixel."""
     T, store = build.T(), engine.BakeStore(tmp_path)
     place = T.translate([0, -0.2, 0]).rotate([1, 0, 0], -90).scale(500.0)
-    white = build.diffuse(build.grey(0.6))
+    white = build.diffuse(build.gray(0.6))
     scene = build.scene(
         ground={"type": "rectangle", "to_world": place, "bsdf": {"type": "twosided", "bsdf": white["bsdf"]}},
         block=build.box([-0.1, -0.2, -1.2], [0.1, 0.1, -1.0], build.diffuse(rgb(0.2, 0.3, 0.8))),
-        bulb={"type": "sphere", "center": [2, 3, 0], "radius": 0.5, **build.emissive(build.grey(20))},
+        bulb={"type": "sphere", "center": [2, 3, 0], "radius": 0.5, **build.emissive(build.gray(20))},
     )
     for reused in ("nothing", "all"):
         cache, done = bake(scene, camera, store, noise=0.05)
@@ -584,7 +584,7 @@ def test_plan_chooses_and_tells_why(build, camera):
         plan = engine.plan(scene, camera, hologram, engine.Settings(**settings))
         return plan.cached, [d for d in plan.decisions if d.name == "diffuse light"]
 
-    cached, why = light(build.scene(a=build.plane(1.0, build.emissive(build.grey(1.0)))))
+    cached, why = light(build.scene(a=build.plane(1.0, build.emissive(build.gray(1.0)))))
     assert not cached and why[0].value == "paths of this view"
     box = build.closed_box()
     cached, why = light(box, replace(HOLOGRAM, width=1024, height=1024), frames=FRAMES)

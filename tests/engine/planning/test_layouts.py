@@ -72,7 +72,7 @@ def test_images_in_mirrors_have_planes_of_their_own(build, camera):
 
 
 def even_plane(build, slant):
-    return build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 4.0, 4.0, slant=slant))
+    return build.scene(plane=build.plane(1.0, build.emissive(build.gray(1.0)), 4.0, 4.0, slant=slant))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def test_recording_plane_halves_the_depths_in_view(build, camera, small):
 
 def test_flat_picture_needs_few_rays(build, camera, small):
     flat, one = (
-        build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)))),
+        build.scene(plane=build.plane(1.0, build.emissive(build.gray(1.0)))),
         engine.Settings(planes=1),
     )
     flat, deep = (
@@ -105,7 +105,7 @@ def test_mirrors_are_named(build, camera, small):
 
 
 def test_nothing_in_view(build, camera, small):
-    behind = build.scene(plane=build.plane(-1.0, build.emissive(build.grey(1.0))))
+    behind = build.scene(plane=build.plane(-1.0, build.emissive(build.gray(1.0))))
     with pytest.raises(engine.InvalidInput, match="Nothing is in the camera's view"):
         engine.plan(behind, camera, small)
 
@@ -237,8 +237,8 @@ def test_fixed_vertices_are_the_maximum_depth():
 def test_a_lamp_inside_glass_counts_by_its_light(build, camera, visible, hits):
     """A ball's back mirrors a lamp: 4 % in few pixels, of which each is as bright as the wall."""
     place = build.T().look_at(origin=[1.2, 2, 0.6], target=[0, 0, -1.4], up=[0, 1, 0]).scale(1.2)
-    area = {"type": "rectangle", "to_world": place, **build.emissive(build.grey(3))}
-    point = {"type": "point", "position": [1.2, 2, 0.6], "intensity": build.grey(20)}
+    area = {"type": "rectangle", "to_world": place, **build.emissive(build.gray(3))}
+    point = {"type": "point", "position": [1.2, 2, 0.6], "intensity": build.gray(20)}
     scene = build.scene(
         ball={"type": "sphere", "center": [0, -0.02, -0.6], "radius": 0.05, "bsdf": {"type": "dielectric"}},
         wall=build.plane(2.05, build.diffuse(build.texture(256, 1))),
@@ -311,7 +311,7 @@ def test_colorless_scenes_have_one_radiance(build, camera):
 def test_rays_once_where_no_glass_in_view_disperses(build, camera):
     display = small_display(64, (640e-9, 455.4e-9))
     ball = {"type": "sphere", "radius": 0.05, "bsdf": {"type": "dispersive_dielectric", "abbe": 30.0}}
-    wall = build.plane(1.5, build.emissive(build.grey(1.0)))
+    wall = build.plane(1.5, build.emissive(build.gray(1.0)))
     for x, traversals in ((0.0, 2), (3.0, 1)):
         scene = build.scene(wall=wall, ball={**ball, "center": [x, 0, -0.8]})
         assert engine.plan(scene, camera, display).traversals == traversals

@@ -14,7 +14,7 @@ def test_wavefronts_of_curved_surfaces_against_traced_neighbors(build):
 
     mi = build.mi
     ball = {"type": "sphere", "center": [0, 0, -0.8], "radius": 0.1, **GLASS}
-    scene = build.scene(ball=ball, far=build.plane(2.0, build.emissive(build.grey(1.0)), 5.0))
+    scene = build.scene(ball=ball, far=build.plane(2.0, build.emissive(build.gray(1.0)), 5.0))
     chains = SpecularChains(scene, "curvature", 8)
     direction = dr.normalize(mi.Vector3f([0.05], [0.02], [-1.0]))
 

@@ -65,7 +65,7 @@ def test_concave_mirror_in_front_of_and_behind_the_viewer(build, radius):
 def test_slab_brings_things_nearer(build):
     """Apparent shift t (1 - 1/n); the optical path says t (n - 1) the other way."""
     slab = {"type": "cube", "to_world": build.T().translate([0, 0, -0.7]).scale([0.2, 0.2, 0.05]), **GLASS}
-    scene = build.scene(slab=slab, far=build.plane(2.0, build.emissive(build.grey(1.0))))
+    scene = build.scene(slab=slab, far=build.plane(2.0, build.emissive(build.gray(1.0))))
     through = 3  # both surfaces transmit
     assert on_axis(build, scene, branch=through) == pytest.approx(2 - 0.1 * (1 - 1 / 1.5), abs=2e-3)
     assert on_axis(build, scene, "opl", branch=through) == pytest.approx(2 + 0.1 * 0.5, abs=2e-3)
@@ -75,7 +75,7 @@ def test_ball_lens_has_its_paraxial_focus(build):
     """Two refractions at a ball of radius r and index n, n = 1.5: image of a plane behind it."""
     radius, index, near, gap = 0.1, 1.5, 0.7, 0.02
     ball = {"type": "sphere", "center": [0, 0, -near - radius], "radius": radius, **GLASS}
-    scene = build.scene(ball=ball, far=build.plane(near + 2 * radius + gap, build.emissive(build.grey(1.0))))
+    scene = build.scene(ball=ball, far=build.plane(near + 2 * radius + gap, build.emissive(build.gray(1.0))))
     # vergence from the object through both surfaces towards the viewer
     vergence = -1 / gap + (index - 1) / radius
     distance = 1 / vergence * index
@@ -153,9 +153,9 @@ def test_pane_adds_reflection_and_view_without_interference(build, camera, small
     side = {
         "type": "rectangle",
         "to_world": T().translate([0.5, 0, -0.5]).rotate([0, 1, 0], -90).scale(0.3),
-        **build.emissive(build.grey(2.0)),
+        **build.emissive(build.gray(2.0)),
     }
-    scene = build.scene(pane=pane, side=side, far=build.plane(1.0, build.emissive(build.grey(0.5))))
+    scene = build.scene(pane=pane, side=side, far=build.plane(1.0, build.emissive(build.gray(0.5))))
     _, ratios = views(scene, camera, small, [1.0, 0.7])
     assert ratios == pytest.approx([1, 1], abs=0.03)
 
@@ -186,7 +186,7 @@ def test_sky_in_a_ball_is_at_its_focal_point(build):
     from holopath_addon.engine.scene.specular_chains import SpecularChains
 
     mi = build.mi
-    scene = build.scene(ball=sphere_mirror(build, 0.3), sky={"type": "constant", "radiance": build.grey(0.5)})
+    scene = build.scene(ball=sphere_mirror(build, 0.3), sky={"type": "constant", "radiance": build.gray(0.5)})
     ray = mi.Ray3f(mi.Point3f([0.0], [0.0], [0.0]), mi.Vector3f([2e-4], [1e-4], [-1.0]))
     view = SpecularChains(scene, "curvature", 8).view(scene, ray, mi.UInt32([0]))
     assert bool(np.asarray(view.hit)[0]) and bool(np.broadcast_to(view.exists, 1)[0])
@@ -207,7 +207,7 @@ def beside(build, texture=64):
 
 def lamp(build):
     place = build.T().look_at(origin=[0.5, 2, 1], target=[0, 0, -1], up=[0, 1, 0]).scale(0.5)
-    return {"type": "rectangle", "to_world": place, **build.emissive(build.grey(15.0))}
+    return {"type": "rectangle", "to_world": place, **build.emissive(build.gray(15.0))}
 
 
 def test_flat_mirror_focuses_at_its_optical_distance(build, camera, small):
@@ -215,13 +215,13 @@ def test_flat_mirror_focuses_at_its_optical_distance(build, camera, small):
 
     def facing_left(x, half, radiance):
         place = build.T().translate([x, 0, -0.6]).rotate([0, 1, 0], -90).scale(half)
-        return {"type": "rectangle", "to_world": place, **build.emissive(build.grey(radiance))}
+        return {"type": "rectangle", "to_world": place, **build.emissive(build.gray(radiance))}
 
     tilted = build.T().translate([0, 0, -0.6]).rotate([0, 1, 0], 45).scale(0.3)
     scene = build.scene(
         dot=facing_left(0.9, 1.5e-3, 1.0),
         ground=facing_left(0.901, 1.0, 0.01),
-        frame=build.plane(0.5, build.emissive(build.grey(0.05)), 0.01, x=-0.08),
+        frame=build.plane(0.5, build.emissive(build.gray(0.05)), 0.01, x=-0.08),
         mirror={"type": "rectangle", "to_world": tilted, **MIRROR},
     )
     field = engine.render(scene, camera, small, engine.Settings(frames=24))
@@ -247,7 +247,7 @@ def test_plastic_shows_its_color_and_its_mirror_image(build, camera, small):
 
 @pytest.mark.slow
 def test_plastic_ball_before_a_wall(build, camera, small):
-    plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.grey(0.2)}
+    plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.gray(0.2)}
     scene = build.scene(
         ball={"type": "sphere", "center": [0, 0, -0.9], "radius": 0.12, "bsdf": plastic},
         wall=build.plane(2.0, build.diffuse(build.texture(128, 1))),
@@ -339,7 +339,7 @@ def test_touching_media_have_one_surface_between_them(build):
         front=surface(0.5, 1.5, 1.0),  # a rectangle's inside is behind its normal, here the far side
         between=surface(0.6, 1.33, 1.5),
         back=surface(0.8, 1.0, 1.33),
-        far=build.plane(2.0, build.emissive(build.grey(1.0))),
+        far=build.plane(2.0, build.emissive(build.gray(1.0))),
     )
     ray = mi.Ray3f(mi.Point3f([0.0], [0.0], [0.0]), mi.Vector3f([2e-4], [1e-4], [-1.0]))
     view = SpecularChains(scene, "curvature", 8, splits=0).view(scene, ray, mi.UInt32([0]))
@@ -358,7 +358,7 @@ def test_back_faces_are_black(build, camera):
             "to_world": build.T().translate([0, 0, -0.7]).rotate([0, 1, 0], 180).scale(0.05),
         }
         scene = build.scene(
-            away=away | {"bsdf": bsdf}, wall=build.plane(2.0, build.emissive(build.grey(1.0)), 1.0)
+            away=away | {"bsdf": bsdf}, wall=build.plane(2.0, build.emissive(build.gray(1.0)), 1.0)
         )
         field = engine.render(scene, camera, hologram, engine.Settings(frames=8))
         picture = engine.reconstruct(field, [0.7])[0, ..., 0]
@@ -411,7 +411,7 @@ def test_rough_glass_brings_what_is_behind_nearer(build):
     """By t (1 - 1/n), as clear glass does."""
     glass = {"type": "roughdielectric", "alpha": 2e-4, "int_ior": 1.5, "ext_ior": 1.0}
     slab = build.box([-0.3, -0.3, -0.8], [0.3, 0.3, -0.6], {"bsdf": glass})
-    view = seen_on_axis(build, build.scene(slab=slab, far=build.plane(2.0, build.emissive(build.grey(1.0)))))
+    view = seen_on_axis(build, build.scene(slab=slab, far=build.plane(2.0, build.emissive(build.gray(1.0)))))
     assert float(view.distance[0]) == pytest.approx(2 - 0.2 / 3, abs=2e-3)
     assert float(view.surface.t[0]) == pytest.approx(0.6, abs=2e-3)
 
@@ -421,7 +421,7 @@ def test_rough_coat_and_what_it_covers_are_two_branches(build):
     from holopath_addon.engine.light.path_tracer import PathTracer
 
     mi = build.mi
-    plastic = {"type": "roughplastic", "alpha": 6e-3, "int_ior": 1.9, "diffuse_reflectance": build.grey(0.4)}
+    plastic = {"type": "roughplastic", "alpha": 6e-3, "int_ior": 1.9, "diffuse_reflectance": build.gray(0.4)}
     scene = build.scene(plate=turned(build, plastic), side=beside(build), lamp=lamp(build))
     views = [seen_on_axis(build, scene, splits=1, branch=branch) for branch in (0, 1)]
     assert float(np.broadcast_to(views[0].distance, 1)[0]) == pytest.approx(0.7, abs=2e-3)

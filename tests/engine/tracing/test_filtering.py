@@ -54,8 +54,8 @@ def test_textures_and_shadows_stay_sharp(build, camera):
     }
     scene = build.scene(
         wall=build.plane(1.2, build.diffuse(texture), 0.3),
-        ball=build.ball(0.06, [0.05, 0.0, -1.0], build.diffuse(build.grey(0.5))),
-        lamp={"type": "point", "position": [-0.2, 0.1, -0.6], "intensity": build.grey(0.4)},
+        ball=build.ball(0.06, [0.05, 0.0, -1.0], build.diffuse(build.gray(0.5))),
+        lamp={"type": "point", "position": [-0.2, 0.1, -0.6], "intensity": build.gray(0.4)},
     )
     errors, brightness, _ = fields(scene, camera, 96, 16, 512)
     assert errors[1] < 1.01 * errors[0]
@@ -73,7 +73,7 @@ def test_rays_that_see_textures_alone(build, camera):
     }
     scene = build.scene(
         wall=build.plane(1.2, build.diffuse(texture), 0.3),
-        lamp={"type": "point", "position": [-0.2, 0.1, -0.4], "intensity": build.grey(0.4)},
+        lamp={"type": "point", "position": [-0.2, 0.1, -0.4], "intensity": build.gray(0.4)},
     )
     few, _, _ = fields(scene, camera, 48, 8, 512, {"textures": 0})
     more, brightness, told = fields(scene, camera, 48, 8, 512)
@@ -86,9 +86,9 @@ def test_lines_of_a_pixel_stay_dark(build, camera):
     """A sheet close before a wall: its shadow is narrower than what a grain's guides are averaged over."""
     lamp = {"type": "sphere", "center": [-0.1, 0.03, -0.7], "radius": 0.03}
     scene = build.scene(
-        wall=build.plane(1.2, build.diffuse(build.grey(0.8)), 0.3),
-        sheet=build.plane(1.19, build.diffuse(build.grey(0.8)), 0.05),
-        lamp=lamp | build.emissive(build.grey(40.0)),
+        wall=build.plane(1.2, build.diffuse(build.gray(0.8)), 0.3),
+        sheet=build.plane(1.19, build.diffuse(build.gray(0.8)), 0.05),
+        lamp=lamp | build.emissive(build.gray(40.0)),
     )
     errors, brightness, _ = fields(scene, camera, 96, 16, 512)
     assert errors[1] < 1.35 * errors[0]  # 1.2 today, 1.7 by such guides alone
@@ -115,7 +115,7 @@ def test_gloss_in_bins_of_the_pupil(build, camera):
     scene = build.scene(
         wall=build.plane(1.2, {"bsdf": varnish}, slant=20),
         ball=build.ball(0.06, [0.03, 0.0, -0.8], {"bsdf": {"type": "roughconductor", "alpha": 0.15}}),
-        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(10.0))},
+        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.gray(10.0))},
     )
     errors, brightness, _ = fields(scene, camera, 64, 8, 256, {"bins": 2})
     assert errors[1] < 0.8 * errors[0]

@@ -26,7 +26,7 @@ def test_what_light_is_divided_by(build):
         seen = FirstHits().view(scene, ray, mi.UInt32(0))
         return np.array(grains.reflectance_of(scene, seen, mi.Bool(True))[0])
 
-    matt, gloss = {"type": "matt", "reflectance": build.grey(0.3)}, {"type": "gloss", "roughness": 0.2}
+    matt, gloss = {"type": "matt", "reflectance": build.gray(0.3)}, {"type": "gloss", "roughness": 0.2}
     for bare in ({"type": "roughdielectric"}, {"type": "roughconductor"}, gloss):
         np.testing.assert_array_equal(shown(bare), 1)
     worn = shown({"type": "mixture", "mode": "over", "a": matt, "b": gloss | {"ior": 1.5}, "weight": 1.0})
@@ -40,12 +40,12 @@ def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
     from holopath_addon.engine.scene.specular_chains import FirstHits
     from holopath_addon.engine.tracing import grains
 
-    matt = {"type": "matt", "reflectance": build.grey(0.3)}
+    matt = {"type": "matt", "reflectance": build.gray(0.3)}
     gloss = {"type": "gloss", "roughness": 0.2, "ior": 1.5}
     for bsdf in (
         matt,
         matt | {"translucent": True},
-        matt | {"roughness": build.grey(0.5)},
+        matt | {"roughness": build.gray(0.5)},
         {"type": "mixture", "mode": "over", "a": matt, "b": gloss, "weight": 1.0},
     ):
         scene = build.scene(pane=build.plane(1.0, {"bsdf": bsdf}, slant=2))
@@ -66,14 +66,14 @@ def test_rare_bright_paths_do_not_destroy_grains(build, camera):
     glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
     lamp = build.T().look_at(origin=[1.0, 1.5, 0.5], target=[0, 0, -1], up=[0, 1, 0]).scale(0.5)
     scene = build.scene(
-        wall=build.plane(1.0, build.diffuse(build.grey(0.7)), 0.4),
-        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(8.0))},
+        wall=build.plane(1.0, build.diffuse(build.gray(0.7)), 0.4),
+        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.gray(8.0))},
         shell={"type": "sphere", "center": [0.25, 0, -0.85], "radius": 0.02, "bsdf": glass},
         bulb={
             "type": "sphere",
             "center": [0.25, 0, -0.85],
             "radius": 0.003,
-            **build.emissive(build.grey(3000.0)),
+            **build.emissive(build.gray(3000.0)),
         },
     )
     settings = engine.Settings(frames=24, fixed={"filter": 0})  # which would spread them

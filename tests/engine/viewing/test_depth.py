@@ -63,7 +63,7 @@ def planned(camera, small):
 
 
 def test_without_mirrors_images_lie_on_the_surfaces(build, planned):
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 5.0, slant=30.0))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(1.0)), 5.0, slant=30.0))
     images, surfaces = planned(scene)
     np.testing.assert_allclose(images, surfaces, rtol=1e-5)
 
@@ -79,7 +79,7 @@ def test_depth_behind_a_flat_mirror(build, planned):
         "type": "rectangle",
         "to_world": build.T().translate([0, 0, 0.5]).rotate([0, 1, 0], 180).scale(50),
     }
-    images, surfaces = planned(build.scene(mirror=mirror, lamp={**lamp, **build.emissive(build.grey(1.0))}))
+    images, surfaces = planned(build.scene(mirror=mirror, lamp={**lamp, **build.emissive(build.gray(1.0))}))
     normal = np.array([math.sin(slant), 0, math.cos(slant)])  # of the mirror, through (0, 0, -1)
     turned = np.array([0, 0, 1]) - 2 * normal[2] * normal  # the lamp's normal in the mirror
     foot = np.array([0, 0, 0.5]) - 2 * (normal @ np.array([0, 0, 1.5])) * normal
@@ -93,7 +93,7 @@ def test_depth_behind_a_pane_and_beside_it(build, planned):
     """A thick pane brings what is behind it nearer by t (1 - 1/n), near the axis; beside it, it is where it is."""
     glass = {"bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}}
     pane = {"type": "cube", "to_world": build.T().translate([0, 0, -0.7]).scale([0.05, 0.05, 0.05]), **glass}
-    images, surfaces = planned(build.scene(pane=pane, far=build.plane(2.0, build.emissive(build.grey(1.0)))))
+    images, surfaces = planned(build.scene(pane=pane, far=build.plane(2.0, build.emissive(build.gray(1.0)))))
     middle = np.s_[HEIGHT // 2 - 2 : HEIGHT // 2 + 2, WIDTH // 2 - 2 : WIDTH // 2 + 2]
     np.testing.assert_allclose(images[middle], 2 - 0.1 * (1 - 1 / 1.5), atol=2e-3)
     np.testing.assert_allclose(surfaces[middle], 0.65, atol=1e-4)

@@ -20,7 +20,7 @@ def middle(picture):
 def test_a_point_shifts_by_its_disparity(build, camera, small):
     depth = 0.5
     disc = {"type": "disk", "to_world": build.T().translate([0.01, 0, -depth]).scale(0.01)}
-    scene = build.scene(disc={**disc, **build.emissive(build.grey(1.0))})
+    scene = build.scene(disc={**disc, **build.emissive(build.gray(1.0))})
     points = [(0.0, 0.0), (0.02, 0.0), (0.0, 0.03)]
     pictures = pinhole_pictures(scene, camera, small, points, spp=64)
     assert pictures.shape == (3, small.height, small.width, 1)
@@ -49,7 +49,7 @@ def test_views_agree_at_the_focus(build, camera, small):
     pixels = small.width / (2 * math.tan(camera.fov_x / 2))
     for away, moved in ((depth, 0.0), (2 * depth, shift * pixels * (1 / depth - 1 / (2 * depth)))):
         disc = {"type": "disk", "to_world": build.T().translate([0, 0, -away]).scale(0.02 * away)}
-        scene = build.scene(disc={**disc, **build.emissive(build.grey(1.0))})
+        scene = build.scene(disc={**disc, **build.emissive(build.gray(1.0))})
         points = [(0.0, 0.0), (shift, 0.0)]
         ahead, beside = pinhole_pictures(scene, camera, small, points, spp=64, focus=depth)
         assert middle(beside)[0] - middle(ahead)[0] == pytest.approx(moved, abs=0.1)

@@ -85,9 +85,9 @@ def test_lens_shift(build, camera):
 def test_sky_and_clipping(build, camera):
     scene = build.scene(
         near=build.plane(
-            1.0, {"bsdf": {"type": "twosided", "bsdf": build.diffuse(build.grey(0.5))["bsdf"]}}, 0.1
+            1.0, {"bsdf": {"type": "twosided", "bsdf": build.diffuse(build.gray(0.5))["bsdf"]}}, 0.1
         ),
-        sky={"type": "constant", "radiance": build.grey(0.8)},
+        sky={"type": "constant", "radiance": build.gray(0.8)},
     )
     middle, corner = np.s_[28:36, 36:44], np.s_[:4, :4]
     for changes, inside, outside in (

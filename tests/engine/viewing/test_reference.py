@@ -41,7 +41,7 @@ def test_halves_of_a_reference_are_independent(build, camera, display):
 
 def test_parts_of_the_pupil_that_lie_beyond_it_are_dark(build, camera, display):
     """Every color of a uniform wall is equally bright where any of its pupil is open, and black where none is."""
-    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.7)), 5.0))
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.gray(0.7)), 5.0))
     display = replace(display, wavelengths=RGB)
     mapping = DepthMapping.of(display, camera, 0.5)
     red, green, blue = (mapping.pupil_radius(display.max_slope(w)) for w in RGB)

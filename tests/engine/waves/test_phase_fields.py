@@ -199,7 +199,7 @@ def test_predicted_contrast_of_textured_pictures():
 def test_a_hologram_of_any_size_has_no_seams(build, camera):
     """An even plane on 560 x 300 pixels, over two and a bit tiles, out of focus: as little speckle where tiles meet."""
     hologram = engine.Hologram(560, 300, PITCH, (WAVELENGTHS[1],), 1e-3, 6e-3, near=0.5)
-    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 0.6))
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.gray(1.0)), 0.6))
     field = engine.render(scene, camera, hologram, engine.Settings(frames=24))
     image = engine.reconstruct(field, [0.6])[0, ..., 0]
     inner = image[40:-40, 40:-40] / image[40:-40, 40:-40].mean()

@@ -96,7 +96,7 @@ def test_a_lens_sees_through_views_what_it_sees_in_the_scene(build, camera):
 
     scene = build.scene(
         wall=build.plane(2.0, build.emissive(build.texture(32, 1, contrast=4))),
-        card=build.plane(0.5, build.emissive(build.grey(0.9)), 0.25 * math.tan(camera.fov_x / 2)),
+        card=build.plane(0.5, build.emissive(build.gray(0.9)), 0.25 * math.tan(camera.fov_x / 2)),
     )
     hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), 1e-3, 3e-3, near=PANEL)
     points = pupil_points(9, hologram, DepthMapping.of(hologram, camera))
