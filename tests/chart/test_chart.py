@@ -61,7 +61,7 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
     tables, faults = report.write(tiny, records, made)
     assert "auto ahead" in tables and faults == []
     page = (tiny.folder / "chart.md").read_text()
-    first = page[page.index("\n| ") :]
+    first = page[page.index("\n| method ") :]
     assert page.index("## What a 60 Hz SLM shows") < page.index(first) < page.index("## Frames")
     one = by["phases", 1]
     assert "**M = 1**, dB" in page and "**M = 3**, dB" not in page

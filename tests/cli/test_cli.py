@@ -600,7 +600,7 @@ def test_encode_in_other_ways(rendered, tmp_path, capfd):
     assert engine.PhaseHologram.load(second).report["stages"][0]["steps"] <= 6
     for more, says in (
         (["--start", str(tmp_path)], "no hologram"),
-        (["--method", "refine", "--scene", "none"], "needs the scene"),
+        (["--method", "refine", "--scene", "none"], "needs extra frames of the scene"),
         (["--bits", "40"], "1 to 16 bits"),
     ):
         refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)

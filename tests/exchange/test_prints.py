@@ -84,7 +84,7 @@ WHICH = ["--frame", "0", "--wavelength", "640"]
         ),
         (["--interference", *WHICH, "--dpi", "2400"], "2400 dots per inch are 10.583 µm apart, the"),
         (["--interference", *WHICH, "--dpi", "0"], "positive number of dots"),
-        (["--interference", *WHICH, "--carrier", "0,0"], "lie on each other"),
+        (["--interference", *WHICH, "--carrier", "0,0"], "the image and its twin overlap"),
         (["--interference", *WHICH, "--carrier", "1,0"], "Expected a carrier within the band"),
         (["--interference", *WHICH, "--axes", "y,x"], "A print has no convention"),
         (["--interference", *WHICH, "--hologram"], "Encode with --carrier auto"),
