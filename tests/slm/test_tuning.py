@@ -150,7 +150,7 @@ REFUSED = {
     "a beam and a stop of its own": lambda c, p: (c, on(p, stop=engine.Stop("half"))),
     "no lens behind it": lambda c, p: (c, on(p, lens=engine.Lens(0.1))),
     "neither mirrored": lambda c, p: (replace(c, flip_x=True), p),
-    "run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
+    "Run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
     "No focus of the calibration is within the volume, 2 to 7 mm": lambda c, p: (
         of_camera(c, homographies={9e-3: (1, 0, 0, 0, 1, 0, 0, 0)}),
         p,
