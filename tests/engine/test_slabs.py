@@ -32,9 +32,9 @@ def test_slabs_overlap_and_share_all(backend):
     mapping, shares = DepthMapping.of(hologram, camera, 0.5), []
     for slab in slabs:
         rays = Rays(hologram, camera, mapping, 2e-3, slab=slab)
-        share = np.asarray(rays.share(mi.Float(z - 2e-3), mi.Float(0)))
+        share = np.asarray(rays.weight(mi.Float(z - 2e-3), mi.Float(0)))
         assert not share[~slab.holds(z)].any()
         shares.append(share)
     np.testing.assert_allclose(np.sum(shares, axis=0), 1, atol=1e-5)
     assert (np.array(shares) > 0).sum(0).max() == 2
-    assert Rays(hologram, camera, mapping, 2e-3).share(mi.Float(z), mi.Float(0)) is None
+    assert Rays(hologram, camera, mapping, 2e-3).weight(mi.Float(z), mi.Float(0)) is None

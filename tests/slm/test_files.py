@@ -211,7 +211,7 @@ def test_a_file_in_its_place(tmp_path):
 
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(engine.InvalidInput, match="choose another"):
+    with pytest.raises(engine.InvalidInput, match="Choose another"):
         stream(made()[0], FilesDriver(tmp_path / "file" / "out"))
 
 

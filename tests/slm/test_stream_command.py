@@ -543,7 +543,7 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{out}", "--bits", "10", "--packing", "color"], "at most 8 bits"),
         (["{out}", "--bits", "8", "--packing", "bits"], "at most 1 bit"),
         (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, got 8"),
-        (["{out}", "--packing", "R5-7"], "R5-7 rise"),
+        (["{out}", "--packing", "R5-7"], "highest bit of a level first, got R5-7"),
         (["{out}", "--order", "RGG"], "order of the channels R, G and B"),
         (["{out}", "--packing", "magic"], "no packing magic: choose one of time"),
         (["{out}", "--kind", "tiff"], "invalid choice"),

@@ -116,7 +116,7 @@ def test_a_lens_sees_through_views_what_it_sees_in_the_scene(build, camera):
 @pytest.mark.parametrize("method", ["auto", "focal-stack"])
 def test_methods_that_need_depth_are_refused(backend, method):
     scene, camera = view_scene(VIEWS, SPAN, PANEL, FOV)
-    with pytest.raises(engine.InvalidInput, match=f"The method {method} .* choose light-field"):
+    with pytest.raises(engine.InvalidInput, match=f"The method {method} .* Choose light-field"):
         engine.plan(scene, camera, engine.Hologram(16, 12, 8e-6), engine.Settings(method=method))
 
 
