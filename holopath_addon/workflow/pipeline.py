@@ -181,11 +181,11 @@ def _preview(request, plan, focus, seconds, progress, offer):
     start = time.monotonic()
     camera, hologram, pupil = request.camera, request.hologram, request.pupil
     mapping = DepthMapping.of(hologram, camera, plan.near)
-    aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
-    aperture *= hologram.optics.opening[2]
+    reach = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
+    x, y, aperture = (reach * value for value in hologram.optics.opening)
     channels = [channel(w) for w in hologram.wavelengths]
     camera, hologram = squared(camera, hologram)
-    size, center = (hologram.width, hologram.height), (0.0, 0.0)
+    size, center = (hologram.width, hologram.height), (x, y)
     if pupil is not None:
         aperture, center = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
     vertices = request.settings.max_depth

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Request
@@ -66,3 +67,30 @@ def test_warnings_of_the_field_are_warnings_of_the_result(backend, monkeypatch, 
     settings = engine.Settings(frames=1, quality="draft", planes=1, max_depth=1)
     result = pipeline.compute(Request(hologram, settings, [1.0], scene=scene, camera=camera))
     assert result.plan.warnings.count(libraries.RAN_OUT) == ran_out and result.images.shape == (1, 32, 32, 1)
+
+
+@pytest.mark.parametrize("pupil", [None, engine.Pupil(1e-3, 0.0, 2e-3)])
+def test_the_preview_looks_through_what_the_stop_leaves_open(monkeypatch, pupil):
+    """Behind a half stop around the zero order the largest open circle lies beside the middle."""
+    looks = []
+
+    class Preview:
+        spp = 1
+
+        def __init__(self, scene, camera, width, height, focus, aperture, vertices, center):
+            looks.append((aperture, center))
+
+        def refine(self, spp, progress):
+            return np.zeros((24, 24, 3), np.float32)
+
+    monkeypatch.setattr(engine, "Preview", Preview)
+    optics = engine.Optics(stop=engine.Stop("half"), carrier=(0.0, 0.0))
+    hologram = engine.Hologram(24, 24, 8e-6, (500e-9,), 0.1e-3, 0.4e-3, optics=optics)
+    request = Request(hologram, engine.Settings(), pupil=pupil, camera=engine.Camera(np.eye(4), 0.3))
+    pipeline._preview(request, SimpleNamespace(near=0.5), 1.0, 0.0, None, lambda image: None)
+    ((aperture, center),) = looks
+    reach = DepthMapping.of(hologram, request.camera, 0.5).pupil_radius(hologram.max_slope(500e-9))
+    x, y, radius = optics.opening
+    assert max(abs(x), abs(y)) == pytest.approx(0.5, abs=0.03) == pytest.approx(radius, abs=0.05)
+    expected = (radius * reach, (x * reach, y * reach)) if pupil is None else (1e-3, (1e-3, 0.0))
+    assert (aperture, *center) == pytest.approx((min(expected[0], radius * reach), *expected[1]))
