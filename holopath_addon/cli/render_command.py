@@ -810,7 +810,7 @@ def request_of(args, source, job=None):
     seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
     levels, display = check_encoding(args, settings, hologram)
-    opened = {
+    scene_state = {
         "frame": source.frame,
         "camera": args.camera,
         "scene": args.scene_name,
@@ -826,7 +826,7 @@ def request_of(args, source, job=None):
         args.store,
         Encoding(args.encode, seconds, eyebox_of(args, args.encode), args.bits, levels, display),
         Outputs(args.compare_reference, args.rgbd, args.light_field, args.quilt, args.contact_sheet),
-        Origin(args.scene, opened=opened, job=job),
+        Origin(args.scene, scene_state=scene_state, job=job),
     )
     return request.with_scene(loaded.scene, loaded.camera, loaded.notes)
 

@@ -695,7 +695,7 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
         If there is no scene, or it cannot be opened.
     """
     report = output.read_report(folder)
-    opened = report.get("scene_state") or {}  # missing in reports of versions before 0.3
+    scene_state = report.get("scene_state") or {}  # missing in reports of versions before 0.3
     name = name or scene_name(report)
     if not name:
         raise engine.InvalidInput(f"The report in {folder} does not name a scene. Give it with --scene.")
@@ -703,16 +703,16 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
     if define:
         source = open_source(name, run_scripts, define)
     elif not is_blender_scene(name) and not name.lower().endswith(".xml"):
-        options = CaptureOptions.from_dict(opened.get("capture") or {})
+        options = CaptureOptions.from_dict(scene_state.get("capture") or {})
         source = open_source(name, options=captures.with_depth_beside(options, Path(name)))
     else:
-        stored = opened.get("define") if name.lower().endswith(".xml") else None
+        stored = scene_state.get("define") if name.lower().endswith(".xml") else None
         source = open_source(name, run_scripts, stored, strict=False)
     if isinstance(source, BlenderSource):
         with contextlib.suppress(engine.InvalidInput):  # another file may have other names
-            source.choose(opened.get("scene"), opened.get("view_layer"))
+            source.choose(scene_state.get("scene"), scene_state.get("view_layer"))
         if at_frame is None:
-            at_frame = opened.get("frame")
+            at_frame = scene_state.get("frame")
     to_frame(at_frame, name, source)
     variants.activate()
     from ..engine.scene.fingerprint import scene_digest
@@ -726,9 +726,9 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
         return scene_digest(scene) == report.get("scene_digest")
 
     try:
-        scene = load(opened.get("camera"))  # the export depends on the camera a little
+        scene = load(scene_state.get("camera"))  # the export depends on the camera a little
     except engine.InvalidInput:
-        if not opened.get("camera"):
+        if not scene_state.get("camera"):
             raise
         scene = load(None)  # another scene may have other cameras
     if not same(scene) and isinstance(source, BlenderSource):

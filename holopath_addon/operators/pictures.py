@@ -294,7 +294,7 @@ def view_task(scene, path, options):
     # its surface emits, and reflects nothing
     settings = replace(properties.settings_of(props), method=METHODS[0], max_depth=1)
     origin = Origin(
-        str(path), opened={"frame": None, "camera": None, "scene": scene.name, "view_layer": None}
+        str(path), scene_state={"frame": None, "camera": None, "scene": scene.name, "view_layer": None}
     )
     return session.Task(reading, session.request_of(props, hologram, settings, origin))
 

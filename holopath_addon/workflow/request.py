@@ -102,7 +102,7 @@ class Origin:
         Name of the scene's file, or of the scene.
     notes : list of dict
         Approximations and omissions of the exporter, see `export.Note`.
-    opened : dict
+    scene_state : dict
         Options to open the scene again: its frame and the name of its camera, None if it has none, and others.
     job : str or None
         Digest of the job that the render belongs to, see `farm.job.SharedJob`. It identifies a finished render without
@@ -111,7 +111,7 @@ class Origin:
 
     name: str = ""
     notes: list[dict] = field(default_factory=list)
-    opened: dict = field(default_factory=dict)
+    scene_state: dict = field(default_factory=dict)
     job: str | None = None
 
 

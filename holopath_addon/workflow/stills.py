@@ -164,7 +164,7 @@ def _report(still, inputs, notes):
     report: dict[str, Any] = {
         "scene": origin.name,
         "scene_path": os.path.abspath(origin.name) if os.path.isfile(origin.name) else None,
-        "scene_state": origin.opened,
+        "scene_state": origin.scene_state,
         **inputs,
         "plan": plan.to_dict(),
         "focus_m": result.focus,

@@ -156,13 +156,13 @@ def prepare(depsgraph, props, resolution=None, camera=None):
         stop()
     size = hologram.picture.width, hologram.picture.height
     reading = read_scene(depsgraph, size, camera, cache)
-    opened = {
+    scene_state = {
         "frame": depsgraph.scene.frame_current,
         "camera": camera and camera.name,
         "scene": reading.name,
         "view_layer": depsgraph.view_layer.name,
     }
-    origin = Origin(bpy.data.filepath or depsgraph.scene.name, opened=opened)
+    origin = Origin(bpy.data.filepath or depsgraph.scene.name, scene_state=scene_state)
     return Task(reading, request_of(props, hologram, settings, origin))
 
 
