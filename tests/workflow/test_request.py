@@ -30,7 +30,7 @@ def request_of(backend):
 def test_a_built_request_has_its_scene_and_notes(request_of):
     request = request_of(origin=Origin("planes.blend", scene_state={"frame": 3}))
     assert request.scene is not None and request.origin.notes == [{"what": "a note"}]
-    assert (request.origin.name, request.origin.opened) == ("planes.blend", {"frame": 3})
+    assert (request.origin.name, request.origin.scene_state) == ("planes.blend", {"frame": 3})
 
 
 def test_inputs_differ_if_the_result_does(request_of):
