@@ -17,7 +17,7 @@ def test_another_camera_than_the_scene_has(scene):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     task = session.prepare(depsgraph, scene.holopath, camera=camera)
     assert task.exported.camera.position[0] == pytest.approx(0.1)
-    assert task.request.origin.opened["camera"] == "Local"
+    assert task.request.origin.scene_state["camera"] == "Local"
 
 
 def test_job_in_a_thread_is_the_same_as_without(scene):
