@@ -37,8 +37,8 @@ MAX_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit a
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # for each pixel of a frame
 SMOOTH = 0.8  # correlation of a field's neighboring pixels; of random phases that fill the band it is 0.2
 DARK = 1e-6  # fraction of the brightest wavelength's amplitude, up to which a wavelength stays dark
-# Fractions of the given seconds: the end of the first stage, and of the extra frames, which are given up afterwards,
-# before and after each wavelength has some.
+# Deadlines as fractions of the given seconds: of the first stage, of extra frames while a wavelength has none, and of
+# extra frames otherwise.
 FIRST_STAGE_END, NO_FRAMES_END = 0.1, 0.6
 EXTRA_FRAMES_END = SHARES["refine"]["extra frames"]
 MIN_STEPS = 10  # steps of all frames together, at which evaluating all views pays off
@@ -84,7 +84,7 @@ def encode(
     bits : int, optional
         Bits of a coarse SLM: phases are optimized on its 2^bits even levels. Default: any phase.
     levels : sequence of array_like or Levels, optional
-        Measured phases of the SLM's levels instead, one set for each wavelength, radians, in any order and of any turn;
+        Measured phases of the SLM's levels instead, one set for each wavelength, radians, in any order and modulo 2 pi;
         `Levels` with a correction of its pixels, or a response that varies across them.
     display : sequence of DisplayModel, optional
         Effect of the display on light, one model for each wavelength, which descents compensate for. Default: an ideal
@@ -94,13 +94,13 @@ def encode(
     compared_planes : int
         Number of planes on which amplitudes are compared, spread over the volume; a complex field needs only one.
     aperture : bool
-        Whether the display has a stop in its Fourier plane, beyond which light is free.
+        Whether the display has a stop in its Fourier plane, beyond which light is unconstrained.
     start : str or PhaseHologram
         Start of the optimization: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such
         as that of an animation's previous frame.
     randomness : float, optional
         Randomness of the start of all frames together, instead of the field's phases and the optimization of each
-        frame by itself: phases of a random map times this, 0 even and 1 random. At the SLM they lie around those of
+        frame by itself: phases of a random map times this, 0 uniform and 1 random. At the SLM they lie around those of
         `even_double_phase`; behind a lens they are those of the image, around `spread_waves`. Fewer frames need less
         random phases (paper section 4.1; Yoo et al., Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
@@ -390,7 +390,7 @@ class _Joint(_SingleFrames):
 
 
 class _Refine(_Joint):
-    """The method refine: all frames together, towards the mean intensity of them and extra frames."""
+    """The method refine: all frames together, towards the mean intensity of extra frames, and mostly of its own."""
 
     frames_end = SHARES["refine"]["single frames"]
     joint_begin = EXTRA_FRAMES_END

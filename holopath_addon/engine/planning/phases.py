@@ -142,7 +142,7 @@ def plan_encoding(
 
 
 def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision | None:
-    """Report that phases are on axis, and what that costs, where nobody chose it and it makes a difference.
+    """Report that phases are on axis, and the difference to off axis, where nobody chose and there is one.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision
 
 
 def frames_along(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
-    """Number of extra frames to co-trace with a render's own for the encoding that follows: paths serve them all.
+    """Number of extra frames to co-trace with a render for its encoding, as they share its paths.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def frames_along(plan: Plan, hologram: Hologram, method: str, seconds: float | N
     -------
     int
         0 where the encoding needs none, or they need too much memory. All extra frames for a hologram of few frames,
-        whose own rays are few; else one set.
+        whose own rays are few; else, and with any time limit, one set.
     """
     settings = plan.settings
     # the rays of others depend on the number of frames, by random numbers that go by chunks
@@ -346,7 +346,7 @@ class _EncodingCosts:
         return MIN_STEPS[not self.co_traced]
 
     def _joint_seconds(self, frames, steps):
-        """Seconds of all frames together, towards extra frames and views of their own, which are compared twice."""
+        """Seconds of all frames together, towards extra frames and views of their own; the views are evaluated twice."""
         looks = 3 * self.frames * self.seconds["look"]
         return looks + (self.extra_frames_seconds(frames) if frames else 0.0) + steps * self.seconds["step"]
 

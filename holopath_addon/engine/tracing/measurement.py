@@ -1,6 +1,6 @@
 """Measurement of the radiance map by adaptive sampling: each pass follows from the statistics of the passes before.
 
-All sums are those of whole numbers, and all else are maxima: the order in which threads add them changes no bit.
+Integer sums and maxima make the results independent of the order of threads.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class SamplingPass:
     passes : int
         Rays of a pixel.
     before : int
-        Number of the first of them.
+        Index of the first ray.
     weight : float
         Approximate fraction of the remaining work.
     """
@@ -66,7 +66,7 @@ class SamplingPass:
 class Measurement:
     """Path tracing of the radiance of the grains in view, with each path for all pixels that see its grain.
 
-    A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
+    A pixel's amplitude is the square root of the mean radiance over paths. The mean of roots would be biased dark.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class Measurement:
         totals["sums"].add_texture(row, reflectance, inside)
 
     def _evaluate(self, sampling, totals, progress):
-        """Evaluate the totals of a pass; return the next pass, or None once the error is small enough."""
+        """Evaluate the totals of a pass; return the next pass, or None at the target error or a maximum."""
         plan = self._plan
         if sampling.kind == "cells":
             self._occupied = totals["occupied"]
@@ -213,7 +213,7 @@ class Measurement:
         return SamplingPass("light", passes, self._paths, 0.5 if another else 1.0)
 
     def _share(self, progress):
-        """Have grains share their light, but for emitters."""
+        """Filter the light of neighboring grains, except for emitters."""
         self._halves = self._filtered = self._light["sums"].halves
         self._shared = dr.zeros(mi.Bool, self._index.rows)
         emitting = dr.gather(mi.UInt32, self._light["emitting"], self._index.first)

@@ -1,4 +1,4 @@
-"""The running job: its progress in words, and the traces of its operator in the window."""
+"""The running job: its progress in words, and the changes of its operator to the window."""
 
 import math
 
@@ -13,7 +13,7 @@ def running():
 
 
 def progress_text(job):
-    """Describe the progress of a `Job`: ``42% Wave tracing, 12 s left``, or ``Compiling…`` while it is 0."""
+    """Describe the progress of a `Job`: ``42% Wave tracing, 12 s left``, ``Compiling…`` or ``Canceling…``."""
     activity, remaining = "Compiling" if job.compiling else job.message, job.remaining
     if job.canceling:
         return "Canceling…"
@@ -45,7 +45,7 @@ def undo_window_change(undo, deferred):
     undo : callable
         Called without arguments.
     deferred : bool
-        Call it when the operator's timer has fired once more, not now.
+        Call it in half a second, after the operator's timer has fired once more, not now.
     """
     if deferred:
         bpy.app.timers.register(undo, first_interval=0.5)
