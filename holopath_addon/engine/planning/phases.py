@@ -346,7 +346,7 @@ class _EncodingCosts:
         return MIN_STEPS[not self.co_traced]
 
     def _joint_seconds(self, frames, steps):
-        """Seconds of all frames together, towards extra frames and views of their own; the views are evaluated twice."""
+        """Seconds of all frames together, towards extra frames and views of their own, evaluated twice."""
         looks = 3 * self.frames * self.seconds["look"]
         return looks + (self.extra_frames_seconds(frames) if frames else 0.0) + steps * self.seconds["step"]
 
