@@ -102,7 +102,7 @@ class ModalOperator(_Operator):
             job.cancel()
             self._show_progress(context, job)
             return {"RUNNING_MODAL"}
-        # its timer is gone if the work was stopped for a file that could not be opened
+        # A file that is opened stops the work and the timer, and stays closed if it is broken: then any event ends it.
         if (event.type == "TIMER" or job.canceling) and not job.running:
             if session.current.job is job:
                 session.restore_window()
@@ -287,7 +287,7 @@ def dragging():
 
 
 def export(job, progress, scene):
-    """Have a scene read on the main thread, after Mitsuba was started in this one.
+    """Start Mitsuba in the job's thread, then have the main thread read a scene.
 
     Parameters
     ----------

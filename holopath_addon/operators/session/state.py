@@ -21,7 +21,7 @@ class Session:
     Attributes
     ----------
     job : Job or None
-        Hologram being rendered, or light being baked.
+        Work under way: a render, a bake, an encoding, an estimate or a file being written.
     restore_window : callable or None
         Takes back what the running operator changed in the window, see `running_job.restore_window`.
     error : str
