@@ -90,7 +90,7 @@ lint: $(RUN) $(DEV)
 	$(PY) -m ruff format --check .
 	$(PY) -m pyrefly check
 	$(PY) -m documentation words holopath_addon
-	$(PY) -m codespell_lib holopath_addon tests benchmarks distribution documentation examples
+	$(PY) -m codespell_lib holopath_addon tests benchmarks distribution documentation examples docs *.md
 
 bench: $(RUN) $(DEV)
 	$(PY) -m benchmarks
