@@ -132,7 +132,10 @@ class Pace:
         """Measure the units that are computed inside, and adapt their number."""
         start = time.perf_counter()
         yield
-        elapsed = time.perf_counter() - start
+        self.adapt(time.perf_counter() - start)
+
+    def adapt(self, elapsed: float) -> None:
+        """Adapt the number of units to the seconds that a launch took."""
         if elapsed < OFTEN:
             self.together = min(2 * self.together, self._max_units)
         elif elapsed > 2 * OFTEN:
@@ -157,8 +160,9 @@ def paced(units: range, max_units: int, at_first: int = 1) -> Iterator[range]:
     pace, first = Pace(max_units, at_first), units.start
     while first < units.stop:
         part = range(first, min(first + pace.together, units.stop))
-        with pace():
-            yield part
+        start = time.perf_counter()
+        yield part  # outside of a context, whose exit would swallow Ctrl-C when an unfinished generator is closed
+        pace.adapt(time.perf_counter() - start)
         first = part.stop
 
 

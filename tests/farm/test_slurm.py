@@ -135,7 +135,7 @@ def test_the_animation_is_whole(slurm, script):
         heard += line
     second.send_signal(signal.SIGUSR1)
     described, _ = second.communicate(timeout=NEVER)
-    assert second.returncode == 1 and "Cancelled" in described, described
+    assert second.returncode == 1 and "Canceled" in described, described
     assert slurm.requeued.read_text() == f"requeue {ARRAY_JOB}_1\n"
     again = slurm.start(script, 1, words, restarts=1)
     for task in (first, again):
