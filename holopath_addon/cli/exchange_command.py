@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .. import engine, exchange
 from ..engine.pixels import in_words
+from ..engine.settings.former_names import current_name
 from ..exchange import prints
 from ..exchange.conventions import ROWS, SIGNS
 from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
@@ -14,7 +15,7 @@ from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from ..workflow import output
 from .console import Progress
-from .options import add_optics, argument, numbers, optics_of, pitch, with_colors
+from .options import add_optics, argument, numbers, optics_of, pitch, say, with_colors
 
 _KINDS = ", ".join(exchange.SUFFIXES)
 PRINT_OPTIONS = ("dpi", "bits", "carrier", "frame", "wavelength")  # of prints only
@@ -100,7 +101,7 @@ def add(command):
     )
     add(
         "--packing",
-        type=argument(check_packing),
+        type=argument(_packing),
         metavar="NAME|BITS",
         help=f"packing of phases in a color image: {', '.join(PACKINGS)} as in `holopath stream`, or the bits of the "
         "channels that make a level, from its highest on, such as R7-5,G7-5,B7-4 (default: one hologram of three "
@@ -159,6 +160,11 @@ def _add_convention(parser, what):
     add("--axes", type=argument(_axes), metavar="A,B,..", help="order of the axes frame, wavelength, y, x")
     add("--time", choices=tuple(SIGNS), help="sign of i omega t: - (default) or +")
     add("--row-0", choices=ROWS, help="position of row 0 (default top)")
+
+
+def _packing(text):
+    """Check a packing's name, or bits of channels; return the current name."""
+    return check_packing(current_name("packing", text, say))
 
 
 def _axes(text):

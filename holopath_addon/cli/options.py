@@ -183,7 +183,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     for name, declared in DECLARED.items():
         words: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
         if declared.chosen:
-            words = {"choices": tuple(declared.chosen), "type": partial(current_name, name, tell=_say)}
+            words = {"choices": tuple(declared.chosen), "type": partial(current_name, name, tell=say)}
         text = _meaning(declared, "{}")
         text += f". There are {', '.join(engine.FIXABLE)}" if name == "fixed" else ""
         groups.get(name, parser).add_argument(
@@ -375,7 +375,8 @@ def on_bench(thing, args: argparse.Namespace):
     return replace(thing, hologram=replace(hologram, optics=optics, **ends))
 
 
-def _say(text):
+def say(text: str) -> None:
+    """Print a note on standard error."""
     print(f"holopath: {text}", file=sys.stderr)
 
 
@@ -385,8 +386,8 @@ def _value(name, declared):
 
 
 def _type(name, declared):
-    if name == "fixed":
-        return argument(engine.parse_fixed)
+    def parse_fixed(text):
+        return engine.parse_fixed(text, say)
 
     def parse(text):
         if text == "auto":
@@ -397,6 +398,8 @@ def _type(name, declared):
             kind = "a distance in millimeters" if declared.unit else "a whole number"
             raise engine.InvalidInput(f"Expected auto or {kind}, got '{text}'") from None
 
+    if name == "fixed":
+        return argument(parse_fixed)
     return argument(parse) if default_of(name) == "auto" else declared.kind
 
 

@@ -14,13 +14,14 @@ import numpy as np
 from .. import engine, llvm_package, slm
 from ..engine.progress import stage
 from ..engine.scene import variants
+from ..engine.settings.former_names import current_name
 from ..engine.waves import libraries
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
 from ..workflow import failures, output, pipeline
 from .console import Progress
-from .options import add_old_name, argument, listed, numbers, pitch
+from .options import add_old_name, argument, listed, numbers, pitch, say
 
 MAX_WAIT = 30.0  # seconds for a lost device
 
@@ -208,9 +209,10 @@ def add(command):
 
 
 def _packing(text):
-    """Check a packing's name, or bits of channels."""
-    slm.packing_of(text)
-    return text
+    """Check a packing's name, or bits of channels; return the current name."""
+    name = current_name("packing", text, say)
+    slm.packing_of(name)
+    return name
 
 
 def _add_packing(option, meaning):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..errors import InvalidInput
 from ..settings import DECLARED
+from ..settings.former_names import warn, with_current_names
 
 MAX_SLABS = 48  # depth slabs of the radiance map
 GLOSSY_BINS = (2, 6)  # minimum and maximum of the radiance map's bins along each axis of the pupil
@@ -27,13 +30,15 @@ FIXABLE = {
 }
 
 
-def parse_fixed(text: str) -> dict:
+def parse_fixed(text: str, tell: Callable[[str], object] = warn) -> dict:
     """Parse decisions to fix, such as ``chain=4 passes=64``.
 
     Parameters
     ----------
     text : str
         Words NAME=NUMBER, with or without commas between; names are those of `FIXABLE`.
+    tell : callable
+        ``tell(text)`` receives a sentence about a former name. Default: a DeprecationWarning.
 
     Returns
     -------
@@ -53,6 +58,7 @@ def parse_fixed(text: str) -> dict:
             raise InvalidInput(
                 f"Expected NAME=NUMBER to fix a decision, got '{word}'. Write for example chain=4."
             ) from None
+    fixed = with_current_names("decision", fixed, tell)
     check_fixed(fixed)
     return fixed
 
