@@ -29,7 +29,7 @@ OTHERS = {
     "--host", "--protocol", "--interface",
     "--lifetime", "--nthreads", "--array", "--cpus-per-task", "--mem", "--requeue", "--time",
     "--background", "--command", "--markdown", "--pictures", "--narrow", "--plane", "--prefixes", "--rate", "--reach",
-    "--smallest", "--start", "--steps", "--help",
+    "--docs", "--smallest", "--start", "--steps", "--help",
 }  # fmt: skip
 
 
