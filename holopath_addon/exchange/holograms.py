@@ -13,7 +13,6 @@ from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, Wave
 from ..engine.memory import shortage
 from ..engine.optics import ON_AXIS
 from ..engine.pixels import Pitch
-from ..engine.settings.former_names import current_name
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
@@ -196,7 +195,6 @@ def check_packing(name: str) -> str:
     ------
     InvalidInput
     """
-    name = current_name("packing", name)
     if name not in PACKINGS:
         layout_beside(PACKINGS, name)
     return name

@@ -26,7 +26,7 @@ from ...engine.settings import DECLARED, ENCODE_SECONDS, EYEBOX, default_of
 from ...engine.settings.choices import DEPTH_MAPPINGS, ENCODINGS
 from ..device_properties import HoloPathDevice, menu
 from .decimals import tidy
-from .former import FormerNames, adopt
+from .former import FormerNames, adopt, adopt_animation
 from .optics import RELATIVE, HoloPathOptics, optics_of
 
 CUSTOM = "CUSTOM"
@@ -788,13 +788,14 @@ def _stamp(*_):
 def _settle(*_):
     """Adapt a file of another version.
 
-    Values by former names are adopted. Choices that only a later version knows are reset to their defaults. Scenes of
-    earlier versions keep their default depth range, and the shape of pixels with a fill factor below 1.
+    Values and animations by former names are adopted. Choices that only a later version knows are reset to their
+    defaults. Scenes of earlier versions keep their default depth range, and the shape of pixels with a fill factor
+    below 1.
     """
+    adopt_animation()
     for scene in bpy.data.scenes:
         props = of(scene)
-        if scene.library is None:
-            adopt(props)
+        adopt(props)
         if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
             props.pixel_shape = True
         if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):

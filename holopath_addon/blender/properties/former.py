@@ -2,6 +2,8 @@
 
 import warnings
 
+import bpy
+
 from ...engine.settings.former_names import FORMER_NAMES, current_name
 
 NAMES = FORMER_NAMES["property"]
@@ -46,3 +48,24 @@ def adopt(props):
             value = next((item.identifier for item in known[new].enum_items if item.value == value), None)
         if value is not None:
             setattr(props, new, value)
+
+
+def adopt_animation():
+    """Point keyframes and drivers of scenes at the current names; otherwise Blender ignores them without a word."""
+    for curve in _curves():
+        path, _, name = curve.data_path.rpartition(".")
+        if name in NAMES and path.startswith("holopath"):
+            curve.data_path = f"{path}.{NAMES[name]}"
+
+
+def _curves():
+    """Animation curves of all actions, and drivers of all scenes."""
+    for action in bpy.data.actions:
+        if hasattr(action, "layers"):  # since Blender 4.4
+            strips = [strip for layer in action.layers for strip in layer.strips]
+            yield from (curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves)
+        else:
+            yield from action.fcurves
+    for scene in bpy.data.scenes:
+        if scene.animation_data:
+            yield from scene.animation_data.drivers
