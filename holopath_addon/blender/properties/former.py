@@ -1,6 +1,7 @@
 """Properties by the names of the version before: scripts, presets and files use them for one version more."""
 
 import warnings
+from typing import Any
 
 import bpy
 
@@ -60,7 +61,8 @@ def adopt_animation():
 
 def _curves():
     """Animation curves of all actions, and drivers of all scenes."""
-    for action in bpy.data.actions:
+    actions: Any = bpy.data.actions  # the stubs are of one version of Blender
+    for action in actions:
         if hasattr(action, "layers"):  # since Blender 4.4
             strips = [strip for layer in action.layers for strip in layer.strips]
             yield from (curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves)
