@@ -125,25 +125,3 @@ def test_what_the_version_before_called_otherwise(capsys):
     assert parser.parse_args(["focus", "--planes", "p.json", "--plane", "1"]).focus_planes == "p.json"
     assert capsys.readouterr().err.count("--planes is called --") == 3
     assert parse("scene.xml", "--planes", "3").planes == 3 and capsys.readouterr().err == ""
-
-
-def test_former_names_on_the_command_line(capsys):
-    parser = cli._parser(engine.BakeStore.default())
-    for words, name, value, said in (
-        (
-            ["plan", "a.xml", "--most-hits", "3"],
-            "max_specular_depth",
-            3,
-            "--most-hits is called --max-specular-depth",
-        ),
-        (["plan", "a.xml", "--fix", "grey=1"], "fixed", {"gray": 1}, "The decision grey is called gray"),
-        (["stream", "out", "--packing", "colour"], "packing", "color", "The packing colour is called color"),
-        (
-            ["import", "a.png", "--out", "o", "--packing", "colour"],
-            "packing",
-            "color",
-            "The packing colour is called",
-        ),
-    ):
-        assert getattr(parser.parse_args(words), name) == value
-        assert capsys.readouterr().err.startswith(f"holopath: {said}")
