@@ -346,8 +346,8 @@ def seconds(side=SIDE, count=None, given=GIVEN, frames=8):
             *(("auto", limit) for limit in limits),
         ] + [("joint", limit) for limit in limits[:-1]]:
             plan = engine.plan(*view, settings)
-            along = engine.frames_along(plan, subject.hologram, method, options.get("seconds"))
-            field = engine.render(*view, settings, plan, more=along)
+            extra_frames = engine.extra_frame_count(plan, subject.hologram, method, options.get("seconds"))
+            field = engine.render(*view, settings, plan, extra_frames=extra_frames)
             start = time.perf_counter()
             phase = pipeline.encode(
                 field, Encoding(method, **options), lambda *_: None, subject.scene, settings

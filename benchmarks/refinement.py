@@ -73,7 +73,7 @@ class Subject:
         near, middle, far = pipeline.default_focus(plan, *self._view[1:])
         self._foci = near, middle, far
         self._truth = looks.truth_of(*self._view, self._foci, TRUTH)
-        self._more = list(engine.many_frames(*self._view, plan, lambda *_: None))
+        self._more = list(engine.extra_frames(*self._view, plan, lambda *_: None))
 
     def field(self, frames, **settings):
         """The complex field."""
@@ -89,7 +89,7 @@ class Subject:
         with mock.patch.object(
             views, "kinds_for", views.kinds_for if kinds is None else lambda eyebox: kinds
         ):
-            return engine.encode(field, "refine", many=lambda _: self._more, **options).field()
+            return engine.encode(field, "refine", extra_frames=lambda _: self._more, **options).field()
 
     def row(self, label, light):
         """Mean and worst of the chart's eleven views, and the means of those through each part of the pupil."""

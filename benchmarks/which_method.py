@@ -170,8 +170,8 @@ class Bench:
             options["max_steps"] = steps
             settings = replace(settings, fixed={"steps": steps})
         plan = engine.plan(*self._view, settings)
-        more = engine.frames_along(plan, self._view[2], encoding.method, encoding.seconds)
-        field = engine.render(*self._view, settings, plan, more=more)
+        extra_frames = engine.extra_frame_count(plan, self._view[2], encoding.method, encoding.seconds)
+        field = engine.render(*self._view, settings, plan, extra_frames=extra_frames)
         phases = pipeline.encode(field, encoding, lambda *_: None, self._view[0], settings, **options)
         return phases.field(engine.Modulator(bits=display.bits))
 

@@ -300,15 +300,15 @@ def _encode(method, field, encoding, clock, scene, settings):
 
 
 def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=None):
-    """The field, with what the encoding that follows wants to be traced along."""
+    """The field, with the extra frames that the encoding needs."""
     clock.start()
-    along = 0
+    extra_frames = 0
     if encoding:
         plan = plan or engine.plan(scene, camera, hologram, settings)
-        along = engine.frames_along(plan, hologram, **encoding)
+        extra_frames = engine.extra_frame_count(plan, hologram, **encoding)
     if method.kind == "peer":
         return peers.render(method.name, scene, camera, hologram, settings, plan, clock)
-    return engine.render(scene, camera, hologram, settings, plan, clock, more=along)
+    return engine.render(scene, camera, hologram, settings, plan, clock, extra_frames=extra_frames)
 
 
 class Stages:

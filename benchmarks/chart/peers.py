@@ -51,7 +51,7 @@ def render(name, scene, camera, hologram, settings, plan=None, progress=None):
         sources = np.stack([amplitude * layers.random_phasor(job, m, k) for m in range(settings.frames)])
         waves = np.where(number == 0, sources, 0)
         for layer, step in enumerate(steps, 1):
-            arrived = propagate(waves, float(step), hologram.pitch, wavelength, padded)
+            arrived = propagate(waves, hologram.pitch, wavelength, float(step), padded)
             waves = np.where(number == layer, sources, arrived)
             done = (k + layer / len(steps)) / len(hologram.wavelengths)
             progress(0.3 + 0.7 * done, "Layers")
@@ -60,7 +60,7 @@ def render(name, scene, camera, hologram, settings, plan=None, progress=None):
     return engine.WaveField(out, hologram, camera, plan.near, plan.to_dict(), report)
 
 
-def _torchoptics(waves, distance, pitch, wavelength, padded):
+def _torchoptics(waves, pitch, wavelength, distance, padded):
     import torch
     import torchoptics
 
@@ -69,7 +69,7 @@ def _torchoptics(waves, distance, pitch, wavelength, padded):
     return field.propagate_to_z(distance, propagation_method="ASM", asm_pad=margin).data.numpy()
 
 
-def _odak(waves, distance, pitch, wavelength, padded):
+def _odak(waves, pitch, wavelength, distance, padded):
     import torch
     from odak.learn.wave import propagate_beam, wavenumber
 

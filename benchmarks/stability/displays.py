@@ -178,7 +178,7 @@ def truth_of_propagation(field, distance):
 def propagated(distance):
     """Propagation alone, over millimeters."""
     field = speckle()
-    ours = propagation.propagate(field, distance * 1e-3, PITCH, GREEN, band="full")
+    ours = propagation.propagate(field, PITCH, GREEN, distance * 1e-3, band="full")
     truth = truth_of_propagation(field, distance * 1e-3)
     error = np.linalg.norm(ours - truth) / np.linalg.norm(truth)
     return {

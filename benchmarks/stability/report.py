@@ -28,9 +28,9 @@ small steps. It measures a figure that physics keeps flat, or divides it by the 
   counts only falls, and the last column says so.
 
 `python -m benchmarks stability` walks all sweeps and writes this page. `python -m benchmarks stability pitch rays`
-walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in tests/stability walk a
-few values of each, and `python -m benchmarks stability quick` walks those, for a page in out/bench. The command ends
-with the steps that are larger than they may be.
+walks those that are named, and takes the others' rows from out/bench/stability.json. Where some have no rows yet, the
+page goes to out/bench. Tests in tests/stability walk a few values of each, and `python -m benchmarks stability quick`
+walks those, for a page in out/bench, too. The command ends with the steps that are larger than they may be.
 
 Kernels are cut to whole pixels of a lattice. Where the lattice gains or loses a ring, PSNR changes by up to 0.7 dB.
 Values lie densely where several rings follow each other. There a rough mirror's surface loses 1.5 dB between alpha
@@ -95,7 +95,8 @@ def run(folder, *names):
             rows[sweep.name] = own
             file.write_text(json.dumps(rows, indent=1, default=float))
             found += faults(sweep, own)
-    attempt(broken, "page", lambda: write(known, rows, Path(folder) if quick else DOCS))
+    is_whole = not quick and all(sweep.name in rows for sweep in every)
+    attempt(broken, "page", lambda: write(known, rows, DOCS if is_whole else Path(folder)))
     text = "\n".join(found or ["stability: no faults"])
     if broken:
         raise Incomplete(text, broken)

@@ -226,7 +226,7 @@ def _plan(args):
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = axis = None
     if args.encode != "none":
-        extra_frames = engine.frames_along(plan, hologram, args.encode, seconds)
+        extra_frames = engine.extra_frame_count(plan, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
         encoding = engine.plan_encoding(plan, args.encode, seconds, extra_frames, eyebox)
         axis = engine.axis_decision(encoding.method, args.bits, hologram)
@@ -255,7 +255,7 @@ def _plan(args):
             print(axis)
         if encoding.advice:
             print(f"note: {encoding.advice} See --encode-seconds.")
-        for warning in encoding.warnings:
+        for warning in encoding.memory_warnings():
             print(f"warning: {warning}")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")

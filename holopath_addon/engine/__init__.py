@@ -12,10 +12,10 @@ from .light.bake_store import BakeStore
 from .optics import Beam, Lens, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
-from .planning.phases import EncodingPlan, axis_decision, frames_along, plan_encoding
+from .planning.phases import EncodingPlan, axis_decision, extra_frame_count, plan_encoding
 from .planning.planner import plan
 from .rendering import render
-from .rendering.extra_frames import many_frames
+from .rendering.extra_frames import extra_frames
 from .scene import variants
 from .scene.captured.picture import picture_scene
 from .scene.captured.points import point_scene
@@ -62,9 +62,9 @@ __all__ = [
     "depth_map",
     "diffracted",
     "encode",
-    "frames_along",
+    "extra_frame_count",
     "interference",
-    "many_frames",
+    "extra_frames",
     "parse_fixed",
     "picture_scene",
     "plan",

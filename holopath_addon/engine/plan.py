@@ -260,8 +260,8 @@ class Plan:
 
         Raises
         ------
-        KeyError, TypeError
-            If they come from a version before the last one.
+        KeyError, TypeError, InvalidInput
+            If they come from another version than this or the last.
         """
         values = with_current_names("plan entry", values, tell=lambda text: None)
         if values["phases"] and set(values["phases"]) != set(PHASES):

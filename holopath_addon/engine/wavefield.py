@@ -37,8 +37,8 @@ class WaveField:
     modulated : bool
         Whether this is the light of a modulator, which fills aperture and band to their edges and needs a wider guard
         band.
-    more : numpy.ndarray, complex64, or None
-        The first of `engine.many_frames`, targets for an encoding: the same shape with another number of frames. Not
+    extra_frames : numpy.ndarray, complex64, or None
+        The first of `engine.extra_frames`, targets for an encoding: the same shape with another number of frames. Not
         saved.
 
     Examples
@@ -62,7 +62,7 @@ class WaveField:
     plan: dict = field(default_factory=dict, repr=False)
     report: dict = field(default_factory=dict, repr=False)
     modulated: bool = False
-    more: np.ndarray | None = field(default=None, repr=False, compare=False)
+    extra_frames: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def mapping(self) -> DepthMapping:

@@ -485,7 +485,7 @@ def _at_slm(field, distance, hologram):
         return field
     for color, wavelength in enumerate(hologram.wavelengths):
         for frame in field:
-            frame[color] = propagate(frame[color], -distance, hologram.pitch_at(wavelength), wavelength)
+            frame[color] = propagate(frame[color], hologram.pitch_at(wavelength), wavelength, -distance)
     return field
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +159,8 @@ def parse_lens(text: str) -> Lens | None:
 
 def stop_files(text: str | None) -> dict[str, Path]:
     """The file in the text of a stop, by its role."""
-    is_shape = not text or text.partition(":")[0] in ("circle", "half", "rectangle")
+    kind, _, numbers = (text or "").partition(":")
+    is_shape = kind in ("", "circle", "half", "rectangle") or re.fullmatch(r"[-+.,\d]+", numbers)
     return {} if is_shape or not Path(text).suffix else {"stop": Path(text)}
 
 

@@ -97,7 +97,7 @@ def _dots(shape, bits, pitch, wavelength, distance, rng):
         if len(dots) < DOTS and all(math.dist(new, each) > MIN_SPACING * min(shape) for each in dots):
             dots.append(new)
             sources[tuple(new)] = np.exp(2j * math.pi * rng.random())
-    light = propagate(sources, -distance, pitch, wavelength)
+    light = propagate(sources, pitch, wavelength, -distance)
     return gray_levels(np.mod(np.angle(light), 2 * math.pi), bits)
 
 

@@ -153,7 +153,7 @@ def _plan_of(field):
         return None
     try:
         return engine.Plan.from_dict(field.plan)
-    except (KeyError, TypeError):
+    except (KeyError, TypeError, engine.InvalidInput):
         return None
 
 
@@ -286,7 +286,7 @@ def compute(request, progress=None, rendered=None, offer=None):
         if offer is not None and plan.seconds >= MIN_PREVIEW_SECONDS:
             done = _offer_early(request, plan, depths, start, clock, progress, offer)
         encoding = request.encoding
-        extra_frames = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
+        extra_frames = engine.extra_frame_count(plan, hologram, encoding.method, encoding.seconds)
         render_progress = stage(progress, done, SHARES["images"]["field"])
         rendered = engine.render(
             scene, camera, hologram, None, plan, render_progress, request.store, extra_frames
@@ -406,7 +406,7 @@ def _in_numpy(phase):
 def _encode(field, method, progress, needed=None, **options):
     """Phases of `engine.encode`, by `phases_by_card`."""
     return phases_by_card(
-        lambda data: engine.encode(replace(field, data=data, more=None), method, progress, **options),
+        lambda data: engine.encode(replace(field, data=data, extra_frames=None), method, progress, **options),
         field.data,
         needed,
     )
@@ -446,7 +446,7 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
         return _encode(field, encoding.method, progress, eyebox=encoding.eyebox, **options)
     camera, hologram = field.camera, field.hologram
     plan = _plan_of(field) or engine.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
-    n_traced = 0 if field.more is None else len(field.more)
+    n_traced = 0 if field.extra_frames is None else len(field.extra_frames)
     chosen = engine.plan_encoding(plan, encoding.method, seconds, n_traced, encoding.eyebox)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
@@ -454,16 +454,16 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
 
     def extra_frames(progress):
         if n_traced:
-            yield list(range(len(hologram.wavelengths))), field.more
+            yield list(range(len(hologram.wavelengths))), field.extra_frames
         if chosen.frames > n_traced:
             has_limit = seconds is not None
-            yield from engine.many_frames(
+            yield from engine.extra_frames(
                 scene, camera, hologram, plan, progress, store, chosen.frames, n_traced, has_limit
             )
 
     try:
         needed = plan.card_memory.get(chosen.method)
-        phase = _encode(field, chosen.method, progress, needed, many=extra_frames, **options)
+        phase = _encode(field, chosen.method, progress, needed, extra_frames=extra_frames, **options)
     except engine.Cancelled as error:
         if error.kept is not None:
             error.kept.report["plan"] = chosen.to_dict()

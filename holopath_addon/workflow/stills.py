@@ -104,7 +104,7 @@ def write(
     if phase is None and encoding.is_requested:
         with clock("encoding"):
             phase, notes = _encode(request, result.field, stages["phases"], stoppable)
-        result.field = replace(result.field, more=None)  # extra frames are only for the encoding
+        result.field = replace(result.field, extra_frames=None)  # extra frames are only for the encoding
     if phase is not None:
         with clock("refocusing phases"):
             still, more_notes = _with_phases(still, phase, stages["images"])

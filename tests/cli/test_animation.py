@@ -109,7 +109,7 @@ def test_phases_begin_with_the_previous_frame(moving, tmp_path, monkeypatch):
         return encode(field, method, progress, **{**options, "many": None, "max_steps": 30})
 
     monkeypatch.setattr(engine, "encode", encode_briefly)
-    monkeypatch.setattr(engine, "frames_along", lambda *_: 0)
+    monkeypatch.setattr(engine, "extra_frame_count", lambda *_: 0)
     assert animate(moving(), tmp_path / "out", "--encode", "joint", "--encode-start", "before") == 0
     assert starts[0] is None
     for before, name in zip(starts[1:], FRAMES, strict=False):

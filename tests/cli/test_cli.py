@@ -658,19 +658,19 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 )
 def test_extra_frames_of_a_known_scene(xml, tmp_path, monkeypatch, method, frames, steps):
     """`auto` uses extra frames, the method full more of them; the first are traced with the field's own."""
-    out, trace, starts = tmp_path / "out", engine.many_frames, []
+    out, trace, starts = tmp_path / "out", engine.extra_frames, []
 
-    def many_frames(*words):
+    def extra_frames(*words):
         starts.append(words[-2])
         return trace(*words)
 
-    monkeypatch.setattr(engine, "many_frames", many_frames)
+    monkeypatch.setattr(engine, "extra_frames", extra_frames)
     words = ["render", str(xml), *SMALL, *GREEN, "--method", method, "--encode", "auto"]
     assert cli.main([*words, "--phase-field", "designed", "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
-    assert stages["many frames"]["frames"] == frames and stages["refine"]["steps"] == steps
+    assert stages["extra frames"]["frames"] == frames and stages["refine"]["steps"] == steps
     assert starts == [24]
 
 
@@ -694,7 +694,7 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
     assert cli.main(["plan", *words, "--encode", "auto", "--encode-seconds", "1000"]) == 0
     plan = capfd.readouterr().out
     assert re.search(
-        r"encoding: refine towards up to 192 more frames, about 1000 s, [\d.]+ .B \(the best", plan
+        r"encoding: refine towards up to 192 extra frames, about 1000 s, [\d.]+ .B \(the best", plan
     ), plan
     assert cli.main(["plan", *words, "--encode", "auto", "--json"]) == 0
     encoding = json.loads(capfd.readouterr().out)["encoding"]

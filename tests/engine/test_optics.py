@@ -49,7 +49,7 @@ def test_a_point_is_a_lens(distance):
 def test_a_converging_beam_has_its_focus_there():
     """The Airy pattern's and sinc's width: lambda D / side between the middle and the first zero."""
     light = engine.Beam("point", (-30e-3,)).light(SHAPE, PITCH, GREEN)
-    intensity = np.abs(propagate(light, 30e-3, PITCH, GREEN)) ** 2
+    intensity = np.abs(propagate(light, PITCH, GREEN, 30e-3)) ** 2
     row = intensity[SHAPE[0] // 2 - 1 : SHAPE[0] // 2 + 1].mean(0)
     x, _ = places()
     target = np.sinc(x[0] * SHAPE[1] * PITCH / (GREEN * 30e-3)) ** 2
@@ -64,7 +64,7 @@ def test_a_tilt_is_a_plane_wave():
     assert np.abs(light - wave).max() < 1e-5
     # forward, what runs to the right and down is found there
     spot = light * np.exp(-(x**2 + y**2) / (2 * (12 * PITCH) ** 2))
-    intensity = np.abs(propagate(spot, 10e-3, PITCH, GREEN)) ** 2
+    intensity = np.abs(propagate(spot, PITCH, GREEN, 10e-3)) ** 2
     middle = [float((axis * intensity).sum() / intensity.sum()) for axis in (x, y)]
     np.testing.assert_allclose(middle, [10e-3 * math.tan(a) for a in angles], atol=0.1 * PITCH)
 
@@ -76,7 +76,7 @@ def test_a_gaussian_beam_has_its_waist():
     y, x = (PITCH * (np.arange(256) - 127.5) for _ in range(2))
     x, y = x[None, :], -y[:, None]
     for z in (0.0, distance):
-        intensity = np.abs(propagate(light, z, PITCH, GREEN)) ** 2
+        intensity = np.abs(propagate(light, PITCH, GREEN, z)) ** 2
         middle = [float((axis * intensity).sum() / intensity.sum()) for axis in (x, y)]
         np.testing.assert_allclose(middle, at, atol=1e-7)
         width = 2 * math.sqrt(float((((x - middle[0]) ** 2) * intensity).sum() / intensity.sum()))
@@ -96,7 +96,7 @@ def error(phase, field, beam, method="sgd"):
     alone = engine.PhaseHologram(phase.data, panel(), field.camera, 1.0, "none", (1.0,))
     shown = alone.field().data * beam.light(SHAPE, PITCH, GREEN)
     if method == "joint":
-        a, b = (np.abs(propagate(data[0, 0], 1.25e-3, PITCH, GREEN)) for data in (shown, field.data))
+        a, b = (np.abs(propagate(data[0, 0], PITCH, GREEN, 1.25e-3)) for data in (shown, field.data))
     else:
         band = radii() <= (0.16 if method == "dpac" else 0.5)
         a, b = (np.fft.fft2(data)[0, 0][band] for data in (shown, field.data))
@@ -425,7 +425,7 @@ def test_phases_of_one_bit_are_sharper_than_the_stop_is_by_itself(monkeypatch):
 
     def shown():
         many = [([0], light[16:])]
-        phase = engine.encode(field, "refine", many=lambda progress: many, bits=1, max_steps=60)
+        phase = engine.encode(field, "refine", extra_frames=lambda progress: many, bits=1, max_steps=60)
         at_slm = float(field.mapping.z_to_depth(0.0))
         return engine.psnr(engine.reconstruct(phase.field(engine.Modulator(bits=1)), [at_slm])[0], picture, 8)
 

@@ -152,9 +152,9 @@ def test_frames_traced_along_are_the_same(build, camera, small):
     settings = engine.Settings(method="full", frames=2, quality="preview", max_depth=1)
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan = engine.plan(*view)
-    both = engine.render(*view, plan, more=24)
-    (first,) = (fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=24))
-    np.testing.assert_array_equal(both.more, first)
+    both = engine.render(*view, plan, extra_frames=24)
+    (first,) = (fields for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=24))
+    np.testing.assert_array_equal(both.extra_frames, first)
 
 
 def test_all_random_is_random(build, camera):

@@ -254,6 +254,7 @@ def test_words_of_a_stop(tmp_path):
     np.testing.assert_array_equal(exchange.parse_stop(f"{tmp_path}/plane.npy").measured, plane > 0)
     for parse, words in (
         (exchange.parse_stop, "slit"),
+        (exchange.parse_stop, "disk:0.3,0.2,0.1"),
         (exchange.parse_stop, "rectangle:a"),
         (exchange.parse_carrier, "0.5"),
         (exchange.parse_carrier, "left"),

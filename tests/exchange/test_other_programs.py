@@ -28,7 +28,7 @@ def phases():
     bins = np.hypot(*np.meshgrid(np.fft.fftfreq(N), np.fft.fftfreq(N))) < 0.05
     smooth = np.fft.ifft2(np.fft.fft2(rng.normal(size=(N, N))) * bins).real
     there = np.sqrt(picture()) * np.exp(1j * 3 * smooth / smooth.std())
-    return np.angle(propagate(there, -AT, PITCH, WAVELENGTH))
+    return np.angle(propagate(there, PITCH, WAVELENGTH, -AT))
 
 
 def psnr(image):

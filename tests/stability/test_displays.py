@@ -82,11 +82,11 @@ def test_propagation_through_the_critical_distance():
 def test_propagation_on_any_grid(size):
     """What a small grid makes of a spot, a large or odd one does too."""
     spot = displays.speckle(13)
-    small = propagation.propagate(np.pad(spot, 48), 3e-3, displays.PITCH, displays.GREEN)
+    small = propagation.propagate(np.pad(spot, 48), displays.PITCH, displays.GREEN, 3e-3)
     field = np.zeros(size, np.complex64)
     top, left = ((n - 13) // 2 for n in size)
     field[top : top + 13, left : left + 13] = spot
-    there = propagation.propagate(field, 3e-3, displays.PITCH, displays.GREEN)
+    there = propagation.propagate(field, displays.PITCH, displays.GREEN, 3e-3)
     rows, columns = (min(n, 101) for n in size)
     ours = there[(size[0] - rows) // 2 :, (size[1] - columns) // 2 :][:rows, :columns]
     truth = small[48 - top if size[0] < 101 else 4 :, 48 - left if size[1] < 101 else 4 :][:rows, :columns]

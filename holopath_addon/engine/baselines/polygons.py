@@ -109,7 +109,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
                 last = _slab_spectrum(light, masks, [height for _, height in places], bessel, padded)
             total = sum(part for part in (far, last) if part is not None)
             wave = np.roll(field_of(total, padded), margin, (0, 1))[: window[0], : window[1]]
-            wave = propagate(wave, to_slm, hologram.pitch, wavelength)
+            wave = propagate(wave, hologram.pitch, wavelength, to_slm)
             out[m, k] = wave[margin : margin + job.shape[0], margin : margin + job.shape[1]]
     return out
 

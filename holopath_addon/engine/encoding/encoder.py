@@ -58,7 +58,7 @@ def encode(
     start: str | PhaseHologram = "arg",
     randomness: float | None = None,
     eyebox: float | None = None,
-    many: Callable[[Progress], Iterable[tuple[list[int], Array]]] | None = None,
+    extra_frames: Callable[[Progress], Iterable[tuple[list[int], Array]]] | None = None,
     seconds: float | None = None,
     tolerance: float = 1e-3,
     max_steps: int | None = None,
@@ -75,7 +75,7 @@ def encode(
         One of `ENCODINGS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame by itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths all over
-        the volume and through parts of the pupil. ``refine``: the same towards the mean intensity of `many` frames.
+        the volume and through parts of the pupil. ``refine``: the same towards the mean intensity of `extra_frames`.
         ``auto``: `joint` if there are several frames, which starts with their `randomness_for` if they are few, else
         `sgd`. If the seconds are too few for any extra frames, `refine` is `joint`.
     progress : callable, optional
@@ -106,9 +106,9 @@ def encode(
     eyebox : float, optional
         Weight of views through parts of the pupil besides the whole, for all frames together, from 0, none, to 1.
         Default: `eyebox_for` the frames.
-    many : callable, optional
-        For `refine`: ``many(progress)`` yields fields of extra frames of the same light, batch by batch, with the
-        indices of their wavelengths; shape (frame, these wavelengths, y, x). See `many_frames`.
+    extra_frames : callable, optional
+        For `refine`: ``extra_frames(progress)`` yields fields of extra frames of the same light, batch by batch, with the
+        indices of their wavelengths; shape (frame, these wavelengths, y, x). See `engine.extra_frames`.
     seconds : float, optional
         Time limit for all stages; all frames together take as many steps as fit. Default: none.
     tolerance : float
@@ -130,9 +130,21 @@ def encode(
     InvalidInput
         If the method is unknown, options do not fit, or the field is not finite.
     Cancelled
+
+    Examples
+    --------
+    Double phase of an even field: a checkerboard.
+
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> hologram = engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> field = engine.WaveField(np.ones((1, 1, 32, 32), np.complex64), hologram, engine.Camera(np.eye(4), 0.5), 0.5)
+    >>> phases = engine.encode(field, "dpac")
+    >>> phases.data.shape, len(np.unique(phases.data.round(4)))  # frame, wavelength, y, x
+    ((1, 1, 32, 32), 2)
     """
     options = EncodingOptions(
-        method, bits, levels, display, supervision, compared_planes, aperture, start, randomness, eyebox, many,
+        method, bits, levels, display, supervision, compared_planes, aperture, start, randomness, eyebox, extra_frames,
         seconds, tolerance, max_steps, seed,
     ).resolve(field)  # fmt: skip
     with Frames() as pool:
@@ -416,7 +428,7 @@ class _Refine(_Joint):
             progress(done, message)
             check_clock()
 
-        with self._stage("many frames") as stage, suppress(_TimeUp):
+        with self._stage("extra frames") as stage, suppress(_TimeUp):
             for colors, fields in self._options.extra_frames(on_progress):
                 for place, color in enumerate(colors):
                     if color in channels:

@@ -42,7 +42,7 @@ def eyebox_for(frames: int) -> float:
 
 @dataclass(frozen=True)
 class EncodingOptions:
-    """Options of `encode`, which explains them; `extra_frames` is its `many`."""
+    """Options of `encode`, which explains them."""
 
     method: str
     bits: int | None

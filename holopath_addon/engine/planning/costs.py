@@ -419,7 +419,7 @@ class CostModel:
         kept = [sum(each) for each in zip(targets, transfers, strict=True)]
         steps = min(max_array_bytes, encoder.BYTES["together"] * frames * max(grid for grid, _ in grids))
         co_traced = SETS[-1] * 8 * pixels * colors
-        co_traced = co_traced if co_traced <= AT_ONCE else 0  # see `phases.frames_along`
+        co_traced = co_traced if co_traced <= AT_ONCE else 0  # see `phases.extra_frame_count`
         return {
             "dpac": own + 8 * frames * pixels,
             "sgd": own + min(max_array_bytes, encoder.BYTES["sgd"] * frames * pixels),

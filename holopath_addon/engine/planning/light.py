@@ -68,8 +68,11 @@ def decide_diffuse_light(
     cache = _CacheCosts(survey, columns, limit)
     baked_fraction = None
     if store is not None:
-        view = survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.optics
-        request = BakeRequest(*view, settings, noise.texel_noise(settings), noise.max_passes(settings))
+        texel_noise, max_passes = noise.texel_noise(settings), noise.max_passes(settings)
+        request = BakeRequest(
+            survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.optics, settings, texel_noise,
+            max_passes,
+        )  # fmt: skip
         baked_fraction = found_in(store, request, cache.load_if_worthwhile)
     limit *= MAX_BAKING_RATIO if baked_fraction is None else 1
     stages = cache.stage_seconds(baked_fraction, limit)

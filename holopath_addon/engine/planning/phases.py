@@ -78,16 +78,15 @@ class EncodingPlan:
         gain = GAINS[self.method == "refine"]
         return f"{_seconds(self.better)} of encoding would gain {gain} on scenes like those measured."
 
-    @property
-    def warnings(self) -> list[str]:
-        """Warnings about memory; raises `InvalidInput` where the machine has too little, see `memory.shortage`."""
+    def memory_warnings(self) -> list[str]:
+        """Warn where the encoding fills memory; raise `InvalidInput` where the machine has too little."""
         return shortage(self.memory_bytes, "This encoding")
 
     @property
     def decision(self) -> Decision:
         """Method, extra frames, seconds and memory in words, with the reason."""
         up_to = "" if self.steps else "up to "
-        frames = f" towards {up_to}{self.frames} more frames" if self.frames else ""
+        frames = f" towards {up_to}{self.frames} extra frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
         memory = f", {self.memory_bytes / 1e6:.0f} MB" if self.memory_bytes else ""
         return Decision("encoding", f"{self.method}{frames}{seconds}{memory}", self.reason)
@@ -101,7 +100,7 @@ def plan_encoding(
     plan: Plan,
     method: str = "auto",
     seconds: float | None = None,
-    along: int = 0,
+    co_traced: int = 0,
     eyebox: float | None = None,
 ) -> EncodingPlan:
     """Decide how a field becomes phases.
@@ -114,8 +113,8 @@ def plan_encoding(
         One of `ENCODINGS`; ``auto`` leaves the choice to this function.
     seconds : float, optional
         Time limit of the encoding, once the field is there. Default: none.
-    along : int
-        Extra frames that the render co-traces, see `frames_along`.
+    co_traced : int
+        Extra frames that the render co-traces, see `extra_frame_count`.
     eyebox : float, optional
         Weight of parts of the pupil, see `engine.encode`. Default: `eyebox_for` the frames.
 
@@ -132,7 +131,7 @@ def plan_encoding(
         raise InvalidInput(f"There is no encoding '{method}'. Choose one of {', '.join(ENCODINGS)}.")
     frames = plan.settings.frames
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
-    choice = _choose(plan, method, seconds, along)
+    choice = _choose(plan, method, seconds, co_traced)
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
     randomness = _randomness(plan, eyebox)
     if choice.method != "refine" or randomness is None:
@@ -160,7 +159,7 @@ def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision
     return Decision("axis", "on axis", reason) if reason else None
 
 
-def frames_along(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
+def extra_frame_count(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
     """Number of extra frames to co-trace with a render for its encoding, as they share its paths.
 
     Parameters
@@ -212,7 +211,7 @@ def _fit(frames, hologram):
     return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
-def _choose(plan, method, seconds, along):
+def _choose(plan, method, seconds, co_traced):
     """`EncodingPlan` without memory, randomness and eyebox."""
     settings = plan.settings
     if method not in ("auto", "refine"):
@@ -223,12 +222,12 @@ def _choose(plan, method, seconds, along):
                 f"The encoding refine needs extra frames, which the method {settings.method} does not have. Choose "
                 "joint."
             )
-        reason = "other people's methods have no more frames to go towards"
+        reason = "other people's methods have no extra frames to go towards"
         return EncodingPlan("joint" if settings.frames > 1 else "sgd", 0, 0, seconds or 0.0, reason)
     if method == "auto" and settings.frames == 1 and _randomness(plan) is None:
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
-    costs = _EncodingCosts(plan.phases, settings.frames, along)
+    costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
     if seconds is None:
         return _choose_unlimited(plan, method, costs)
     return _choose_within(plan, method, seconds, costs)
@@ -246,7 +245,7 @@ def _choose_within(plan, method, seconds, costs):
         return EncodingPlan("refine", frames, 0, seconds, reason)
     method = "joint" if costs.frames > 1 and costs.joint_limit_seconds <= seconds else "sgd"
     needed = _seconds(costs.refine_limit_seconds)
-    reason = f"more frames of the same light, which show more, take {needed} to be worth it"
+    reason = f"extra frames of the same light, which show more, take {needed} to be worth it"
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better)
 
@@ -258,7 +257,7 @@ def _choose_unlimited(plan, method, costs):
     if not full and costs.frames < DESIGNED_STARTS:
         steps = FEW_FRAMES_STEPS
     extra_frames = max(extra_frames, costs.co_traced)
-    reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
+    reason = "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"
     enough = full or _randomness(plan) is not None
     better = None if enough else _rounded_up(costs.effort_limit_seconds(*FULL_EFFORT))
     seconds = costs.refine_seconds(extra_frames, steps)

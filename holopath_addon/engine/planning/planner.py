@@ -92,6 +92,21 @@ def plan(
     BackendUnavailable
         If Mitsuba cannot compute here.
     Cancelled
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> _ = engine.variants.activate()  # before Mitsuba is imported
+    >>> import mitsuba as mi
+    >>> wall = {"type": "rectangle", "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 0.5}}}
+    >>> scene = mi.load_dict({"type": "scene", "wall": wall})
+    >>> place = np.eye(4)
+    >>> place[2, 3] = 1.0  # 1 m before the wall
+    >>> camera, hologram = engine.Camera(place, 0.5), engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> plan = engine.plan(scene, camera, hologram, engine.Settings(frames=3))
+    >>> plan.near, plan.settings.frames, plan.warnings
+    (1.0, 3, ())
     """
     variants.activate_for(scene)
     from .survey import survey_scene
@@ -102,7 +117,8 @@ def plan(
     requested = settings or Settings()
     check_fixed(requested.fixed)
     settings = resolved(requested)
-    warnings, view = unmodeled_warnings(scene), traced(camera, hologram)
+    warnings = unmodeled_warnings(scene)
+    eye, grid = traced(camera, hologram)
     check_method(scene, settings.method)
     if settings.method in BASELINES:
         if hologram.in_air is not hologram:
@@ -110,10 +126,10 @@ def plan(
                 f"The method {settings.method} is made for light without a lens behind the SLM. Leave out the lens, or "
                 "choose the method auto."
             )
-        survey = survey_scene(scene, *view, _baseline_survey_settings(settings), None, on_progress)
+        survey = survey_scene(scene, eye, grid, _baseline_survey_settings(settings), None, on_progress)
         plan = _plan_baseline(survey, settings, warnings, on_progress)
     else:
-        survey = survey_scene(scene, *view, settings, store and store.speed, on_progress)
+        survey = survey_scene(scene, eye, grid, settings, store and store.speed, on_progress)
         plan = _plan_survey(survey, store, warnings, on_progress)
     return replace(plan, requested=requested)
 

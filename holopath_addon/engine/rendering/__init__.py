@@ -40,7 +40,7 @@ def render(
     plan: Plan | None = None,
     progress: Progress | None = None,
     store: BakeStore | None = None,
-    more: int = 0,
+    extra_frames: int = 0,
 ) -> WaveField:
     """Render the wave field of a scene.
 
@@ -58,8 +58,9 @@ def render(
         ``progress(done, message)`` with done in 0..1, called several times a second; may raise `Cancelled`.
     store : BakeStore, optional
         Store of baked light for other views and later renders.
-    more : int
-        Extra frames that are co-traced for an encoding, `WaveField.more`; `frames_along` gives the number.
+    extra_frames : int
+        Number of extra frames that are co-traced for an encoding, see `extra_frame_count`; `WaveField.extra_frames`
+        has them.
 
     Returns
     -------
@@ -72,6 +73,21 @@ def render(
     BackendUnavailable
         If Mitsuba cannot compute here.
     Cancelled
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from holopath_addon import engine
+    >>> _ = engine.variants.activate()  # before Mitsuba is imported
+    >>> import mitsuba as mi
+    >>> wall = {"type": "rectangle", "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 0.5}}}
+    >>> scene = mi.load_dict({"type": "scene", "wall": wall})
+    >>> place = np.eye(4)
+    >>> place[2, 3] = 1.0  # 1 m before the wall
+    >>> camera, hologram = engine.Camera(place, 0.5), engine.Hologram(32, 32, 8e-6, (516.5e-9,))
+    >>> field = engine.render(scene, camera, hologram, engine.Settings(frames=3))
+    >>> field.data.shape  # frame, wavelength, y, x
+    (3, 1, 32, 32)
     """
     variants.activate_for(scene)
     progress = progress or (lambda done, message: None)
@@ -93,7 +109,7 @@ def render(
     context = RenderContext(scene, camera, hologram, plan, clock)
     stages = Stages(progress, "render, baked" if plan.cached else "render")
     stages["phase fields"](0.0, "Phase fields")
-    sets = (context.phasors, co_traced_phasors(more)) if more else (context.phasors,)
+    sets = (context.phasors, co_traced_phasors(extra_frames)) if extra_frames else (context.phasors,)
     context.bake(store, stages["baking"])
     fields, errors, passes, rays = [], [], None, Counter()
     for group, part in zip(context.groups, parts(stages["waves"], len(context.groups)), strict=True):
@@ -107,9 +123,9 @@ def render(
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
     baked = None if context.baked is None else asdict(context.baked)
     report = report_of(plan, clock.seconds, dict(rays), passes, context.error(errors), baked)
-    own = field[: settings.frames].copy() if more else field  # a view would keep the extra frames in memory
+    own = field[: settings.frames].copy() if extra_frames else field  # a view would keep the extra frames in memory
     rendered = WaveField(own, hologram, camera, plan.near, plan.to_dict(), report)
-    return replace(rendered, more=field[settings.frames :]) if more else rendered
+    return replace(rendered, extra_frames=field[settings.frames :]) if extra_frames else rendered
 
 
 def _waves(recording, sets, straight, display, progress):

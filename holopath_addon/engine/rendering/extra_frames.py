@@ -34,7 +34,7 @@ FRAMES = 8 * SETS[-1]
 SEED, FIRST_BATCH_SEED = (1 << 62) + 1, (1 << 62) + 2
 
 
-def many_frames(
+def extra_frames(
     scene: mi.Scene,
     camera: Camera,
     hologram: Hologram,

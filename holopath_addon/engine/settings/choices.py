@@ -144,7 +144,7 @@ ENCODINGS = choices(
     (
         "refine",
         "Many Frames",
-        "Each frame, then all together towards the mean of many more frames, which are also traced: closest to the "
+        "Each frame, then all together towards the mean of many extra frames, which are also traced: closest to the "
         "scene, and slower",
     ),
 )

@@ -125,9 +125,9 @@ def share_light(
         Whether a row shares its light; the others keep their own sums.
     """
     rows = _Neighbors(cells, index, grid, dr.width(halves[0].count))
-    own = halves[0].values, halves[1].values
-    size = len(own[0])
-    table = _table([*own[0], *own[1]])
+    first_half, second_half = halves[0].values, halves[1].values
+    size = len(first_half)
+    table = _table([*first_half, *second_half])
 
     def at(row, valid):
         values = [dr.select(valid, value, 0) for value in gather_row(table, row, 2 * size)]
@@ -193,7 +193,7 @@ def share_light(
     sums = summed(add_weighted, 3 * side**2, 27, "filter of the radiance map")
     filtered = [
         Half.of([dr.select(rows.shared, value, alone) for value, alone in zip(values, alone_, strict=True)])
-        for values, alone_ in zip(sums, own, strict=True)
+        for values, alone_ in zip(sums, (first_half, second_half), strict=True)
     ]
     dr.eval(filtered, rows.shared)
     return (filtered[0], filtered[1]), rows.shared

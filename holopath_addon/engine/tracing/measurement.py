@@ -49,17 +49,17 @@ class SamplingPass:
     ----------
     kind : {'cells', 'light', 'textures'}
         Finds cells that hold a surface, the light that it sends, or only what it reflects.
-    passes : int
+    rays : int
         Rays of a pixel.
-    before : int
-        Index of the first ray.
+    first : int
+        Index of the first of them.
     weight : float
         Approximate fraction of the remaining work.
     """
 
     kind: str
-    passes: int
-    before: int
+    rays: int
+    first: int
     weight: float
 
 
@@ -128,10 +128,11 @@ class Measurement:
         """Trace a pass; return its totals, those of light with the rounds before."""
         add = {"cells": self._add_cells, "light": self._add_light, "textures": self._add_textures}
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
-        view = self._scene, self._rays, self._optics, self._grid
-        count = unit_count(self._grid, sampling.passes)
+        count = unit_count(self._grid, sampling.rays)
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
-            grains = grains_of(*view, some, sampling.passes, self._seed, sampling.before)
+            grains = grains_of(
+                self._scene, self._rays, self._optics, self._grid, some, sampling.rays, self._seed, sampling.first
+            )
             add[sampling.kind](grains, totals)
             dr.eval(totals)
             dr.sync_thread()
@@ -188,10 +189,10 @@ class Measurement:
                 self._grid = replace(self._grid, bins=1)
             return self._next_paths(plan.passes)
         if sampling.kind == "light":
-            self._light, self._paths, self._rounds = totals, self._paths + sampling.passes, self._rounds + 1
+            self._light, self._paths, self._rounds = totals, self._paths + sampling.rays, self._rounds + 1
             self._share(progress)
         else:
-            self._textures, self._texture_rays = totals["sums"].textures, sampling.passes
+            self._textures, self._texture_rays = totals["sums"].textures, sampling.rays
         target, max_paths = plan.target_error, plan.max_passes
         self._error, texture_error = field_error(
             self._halves, self._filtered, self._shared, self._textures.count, plan.white / self._unit

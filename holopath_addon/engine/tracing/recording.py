@@ -185,8 +185,9 @@ class Recording:
         """The `Part` of a region of a plane."""
         if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]
-            view = self.hologram, self.camera, self.mapping
-            rays = Rays(*view, plane.z, region.depth_limit, plane.slab, plane.images)
+            rays = Rays(
+                self.hologram, self.camera, self.mapping, plane.z, region.depth_limit, plane.slab, plane.images
+            )
             optics = self._optics(plane, region)
             estimator = self._estimator(region.depth_limit, plane.rays, straight)
             in_phase = straight > 0 and optics.branches > 1

@@ -206,19 +206,20 @@ class DisplayLight:
         self._relays, self._slopes, self._places = [], [], []
         varies = any(model.across) or any(model.down)
         for sines, wavelength, _ in self._points:
-            what = self.padded, pitch, model, sines, wavelength
-            self._relays.append((arrays.like(_relay(*what), on), wavelength))
+            relay = _relay(self.padded, pitch, wavelength, model, sines)
+            self._relays.append((arrays.like(relay, on), wavelength))
             if varies and len(self._points) > 1:
-                self._slopes.append([arrays.like(slope, on) for slope in _slopes(*what)])
+                slopes = _slopes(self.padded, pitch, wavelength, model, sines)
+                self._slopes.append([arrays.like(slope, on) for slope in slopes])
         if varies:
             at = [self._half_sides(axis).astype(np.float32) for axis in (0, 1)]
             self._at = [arrays.like(each, on) for each in (at[1][None, :], at[0][:, None])]
             rows, columns = map(_lagrange, at)
             for eta, row in zip(NODES, rows, strict=True):
                 for xi, column in zip(NODES, columns, strict=True):
-                    relay = _relay(self.padded, pitch, model, (0.0, 0.0), model.wavelength, (xi, eta))
-                    what = relay, row[:, None], column[None, :]
-                    self._places.append([arrays.like(each, on) for each in what])
+                    relay = _relay(self.padded, pitch, model.wavelength, model, (0.0, 0.0), (xi, eta))
+                    weighted = relay, row[:, None], column[None, :]
+                    self._places.append([arrays.like(each, on) for each in weighted])
 
     def spectra(self, phases: Array) -> dict[float, Array]:
         """Compute the spectrum of the light that leaves the pixels, at each wavelength of the source.
@@ -436,7 +437,7 @@ def _stop(shape, spacings, radius, shift):
     return scipy.fft.fft2(spread, overwrite_x=True).real
 
 
-def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
+def _relay(shape, pitch, wavelength, model, sines, at=(0.0, 0.0)):
     """Transfer function of stop and aberrations at a point of the field, for a point of the source."""
     stop = model.wavelength / (2 * coarsest(pitch))
     inside, mask, terms = _zernike_on(shape, pitch, wavelength, sines, stop)
@@ -448,7 +449,7 @@ def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
     return relay
 
 
-def _slopes(shape, pitch, model, sines, wavelength):
+def _slopes(shape, pitch, wavelength, model, sines):
     """Changes of the aberrations to the right and down, radians per half side."""
     inside, _, terms = _zernike_on(shape, pitch, wavelength, sines, model.wavelength / (2 * coarsest(pitch)))
     slopes = np.zeros((2, *shape), np.float32)

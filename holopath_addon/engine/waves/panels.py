@@ -32,7 +32,7 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
     Returns
     -------
     WaveField
-        Without `WaveField.more` if the pixel positions change.
+        Without `WaveField.extra_frames` if the pixel positions change.
 
     Raises
     ------
@@ -59,4 +59,4 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
         transfer *= arrays.mask(np.hypot(fy[:, None], fx) <= edge, data)
         for m, wave in enumerate(propagate_stack(field.data[:, k, ...], transfer, lines)):
             data[m, k, ...] = wave
-    return replace(field, data=data, hologram=after, more=None)
+    return replace(field, data=data, hologram=after, extra_frames=None)

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import scipy.fft
 
+from ..errors import InvalidInput
 from ..memory import installed
 from ..pixels import EvenSteps, Pitch, axes, coarsest, frequencies
 from ..scene.variants import threads
@@ -26,6 +27,7 @@ MAX_MEMORY_FRACTION = 1 / 16  # of the machine's memory for fields that are prop
 # limits are sharp. Of random phases at 256 x 256 it is 2e-3 of the energy without a guard band, 5e-4 and 1.6e-4 with
 # these.
 TEACHING_GUARD, JUDGING_GUARD = 96, 256
+INFRARED = 1.6e-6  # meters; shorter than the pitch of most panels
 WHOLE = 1e-8  # deviation, in pixels of a grid, up to which a step divides the grid
 BYTES = 40  # for a pixel of a padded grid: spectrum, transfer function, their product, and memory of FFTs
 
@@ -460,7 +462,7 @@ def carrier(wavelength: float, distance: float) -> complex:
 
 
 def propagate(
-    field: Array, distance: float, pitch: Pitch, wavelength: float, band: str = "circular"
+    field: Array, pitch: Pitch, wavelength: float, distance: float, band: str = "circular"
 ) -> Array:
     """Propagate fields by a distance along z with the band-limited angular spectrum method.
 
@@ -469,12 +471,12 @@ def propagate(
     field : array, complex, shape (..., y, x)
         Fields on a grid of `pitch`, zero outside; an array of NumPy, CuPy, PyTorch or another library of the Array API
         standard.
-    distance : float
-        Meters; backward if negative.
     pitch : float or (float, float)
         Pixel pitch, meters.
     wavelength : float
         Meters.
+    distance : float
+        Meters; backward if negative.
     band : {'circular', 'full'}
         See `transfer_function`.
 
@@ -482,7 +484,17 @@ def propagate(
     -------
     array, complex64, same shape
         The propagated fields, of the same library and on the same device.
+
+    Raises
+    ------
+    InvalidInput
+        For arguments in the order of version 0.2, whose distance came first.
     """
+    if isinstance(wavelength, tuple) or 0 < distance < wavelength > INFRARED:
+        raise InvalidInput(
+            f"Expected propagate(field, pitch, wavelength, distance), got a pitch of {pitch}, a wavelength of "
+            f"{wavelength} and a distance of {distance} m. Put the distance last: until version 0.2 it came first."
+        )
     field = arrays.known(field)
     shape = field.shape[-2:]
     padded = padded_shape(shape, pitch, wavelength, distance, JUDGING_GUARD)

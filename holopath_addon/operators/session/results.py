@@ -121,7 +121,7 @@ def encoding_of(scene):
     field, task = current.field, current.task
     if field is not None and task is not None:
         plan = current.field_plan
-        extra_frames = 0 if field.more is None else len(field.more)
+        extra_frames = 0 if field.extra_frames is None else len(field.extra_frames)
     else:
         plan, settings = plan_of(scene), properties.settings_of(props)
         plan = plan and replace(plan, requested=settings, settings=resolved(settings))

@@ -125,7 +125,7 @@ def test_a_wave_is_dimmed_where_it_passes_a_nearer_disk():
 
 def test_a_disk_is_seen_in_its_plane():
     waves = blended(job(64), disk(60.0, 66.0, 2.1e-3, 8, [0.5]), np.array([2.2e-3]), quiet)
-    image = (np.abs(propagate(waves[:, 0], 2.2e-3, PITCH, GREEN)) ** 2).mean(0)
+    image = (np.abs(propagate(waves[:, 0], PITCH, GREEN, 2.2e-3)) ** 2).mean(0)
     a = gauss(60, 66, 8 * SIGMA)
     assert image.sum() == pytest.approx(0.5 * a.sum(), rel=0.05)
     for ring in (a > 0.6, (a > 0.3) & (a < 0.6), (a > 0.1) & (a < 0.3)):
@@ -138,7 +138,7 @@ def test_frames_average_to_blended_radiance():
     z = np.full((SIDE, SIDE), 1.9e-3)  # just behind
     back = Gaussians.of(np.full((1, SIDE, SIDE), 1.0), z, 1e-6)
     wave = blended(job(48), joined(back, front), np.array([1.9e-3, 2e-3]), quiet)
-    image = np.mean(np.abs(propagate(wave[:, 0], 1.95e-3, PITCH, GREEN)) ** 2, axis=0)
+    image = np.mean(np.abs(propagate(wave[:, 0], PITCH, GREEN, 1.95e-3)) ** 2, axis=0)
     a = gauss(64, 64, 8 * SIGMA)
     expected = 0.2 * a + 1 - a
     for ring in (a > 0.7, (a > 0.3) & (a < 0.7), (a > 0.02) & (a < 0.3)):

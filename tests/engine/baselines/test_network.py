@@ -23,7 +23,7 @@ def flat(rgb, z, hologram, frame):
     waves = [np.sqrt(4 / np.pi * rgb[..., k]) * noise for k in range(rgb.shape[-1])]
     rgb[:] = z[:] = np.nan  # these are the function's own
     depth = calls[-1][1].mean()
-    return np.stack([propagate(w, -depth, hologram.pitch, l) for w, l in zip(waves, hologram.wavelengths)])
+    return np.stack([propagate(w, hologram.pitch, l, -depth) for w, l in zip(waves, hologram.wavelengths)])
 
 def real(rgb, z, hologram, frame):
     return np.moveaxis(rgb, -1, 0)
@@ -72,7 +72,7 @@ def test_given_a_picture_with_depth_and_kept_as_returned(show, name):
     z = float(field.mapping.depth_to_z(1.0))
     for m in range(FRAMES):
         noise = np.exp(2j * np.pi * np.random.default_rng(m).random((SIDE, SIDE)))
-        expected = propagate(np.sqrt(4 / np.pi * 0.5) * noise, -z, 8e-6, GREEN)
+        expected = propagate(np.sqrt(4 / np.pi * 0.5) * noise, 8e-6, GREEN, -z)
         # z comes in single precision, which turns the whole wave by hundredths of a radian
         overlap = abs(np.vdot(expected, field.data[m, 0])) / np.linalg.norm(expected) ** 2
         assert overlap == pytest.approx(1, abs=1e-3)

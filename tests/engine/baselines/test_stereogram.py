@@ -40,8 +40,8 @@ def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
     radiance = engine.Preview(scene, camera, 144, 112, max_depth=1).refine(16)[..., 1]
     for m, wave in enumerate(waves):
         sources = np.sqrt(4 / np.pi * radiance) * random_phasor(job, m, 0, 1.0)
-        exact = propagate(sources, -height, PITCH, GREEN)[16:-16, 16:-16]
-        ours = propagate(wave, 0.0, PITCH, GREEN)[16:-16, 16:-16]
+        exact = propagate(sources, PITCH, GREEN, -height)[16:-16, 16:-16]
+        ours = propagate(wave, PITCH, GREEN, 0.0)[16:-16, 16:-16]
         # but for a phase that a height's light has in common
         assert abs(np.vdot(exact, ours)) > 0.95 * np.linalg.norm(exact) * np.linalg.norm(ours)
         assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(exact), rel=0.05)

@@ -117,7 +117,7 @@ def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
     z = float(field.mapping.depth_to_z(1.0))
     rng = np.random.default_rng(0)
     waves = np.sqrt(4 / np.pi * 0.5) * np.exp(2j * np.pi * rng.random((8, 64, 64)))
-    back = propagate(propagate(waves, -z, 8e-6, GREEN), z, 8e-6, GREEN)
+    back = propagate(propagate(waves, 8e-6, GREEN, -z), 8e-6, GREEN, z)
     expected = (np.abs(back) ** 2).mean()
     assert expected < 0.9 * 0.5
     assert engine.reconstruct(field, [1.0]).mean() == pytest.approx(expected, rel=0.03)
@@ -182,8 +182,8 @@ def test_layers_block_as_waves(build, camera):
     axial = np.exp(2j * np.pi * (near - far) / GREEN)
     for m in range(2):
         phasor = gain_for(2) * random_phasor(Seed, m, 0)
-        wave = propagate(np.where(card, 0, phasor), near - far, 8e-6, GREEN)
-        wave = propagate(np.where(card, 0.5 * axial * phasor, wave), -near, 8e-6, GREEN)
+        wave = propagate(np.where(card, 0, phasor), 8e-6, GREEN, near - far)
+        wave = propagate(np.where(card, 0.5 * axial * phasor, wave), 8e-6, GREEN, -near)
         overlap = abs(np.vdot(wave, field.data[m, 0]))
         # layers are half a depth of focus thick, and surfaces lie anywhere in them
         assert overlap > 0.9 * np.linalg.norm(wave) * np.linalg.norm(field.data[m, 0])

@@ -80,7 +80,7 @@ def test_smooth_phases_are_told_of(kind):
     picture = 0.5 + 0.3 * np.sin(rows / 5) * np.cos(columns / 7) + 0j
     if kind == "random":
         picture *= np.exp(2j * math.pi * np.random.default_rng(0).random(picture.shape))
-    field = wave_field(propagate(picture, -1.5e-3, PITCH, GREEN)[None, None])
+    field = wave_field(propagate(picture, PITCH, GREEN, -1.5e-3)[None, None])
     advice = engine.encode(field, "sgd", max_steps=3).report.get("advice", "")
     assert ("amplitude supervision" in advice) == (kind == "flat")
     assert "advice" not in engine.encode(field, "sgd", supervision="amplitude", max_steps=3).report
@@ -92,7 +92,7 @@ def test_what_is_advised_for_smooth_phases_shows_more_at_all_depths():
     picture = 0.5 + 0.3 * np.sin(rows / 5) * np.cos(columns / 7) + 0j
     ends = 1.2e-3, 1.9e-3
     halves = (columns < 32, columns >= 32)
-    data = sum(propagate(picture * half, -z, PITCH, GREEN) for half, z in zip(halves, ends, strict=True))
+    data = sum(propagate(picture * half, PITCH, GREEN, -z) for half, z in zip(halves, ends, strict=True))
     field = replace(wave_field(data[None, None]), plan={"z_low": ends[0], "z_high": ends[1]})
     focus = [float(field.mapping.z_to_depth(z)) for z in ends]
     expected = engine.reconstruct(field, focus)
@@ -110,7 +110,7 @@ def test_amplitude_supervision_tells_what_is_true():
     side, distance, reports = 64, 1.5e-3, []
     rows, columns = np.indices((side, side))
     picture = 0.5 + 0.3 * np.sin(rows / 5) * np.cos(columns / 7)
-    field = wave_field(propagate(picture, -distance, PITCH, GREEN)[None, None])
+    field = wave_field(propagate(picture, PITCH, GREEN, -distance)[None, None])
     phase = engine.encode(
         field, "sgd", supervision="amplitude", progress=lambda _, text: reports.append(text)
     )
@@ -251,7 +251,7 @@ def test_libraries_of_arrays_agree(other_library, bench, options):
     """Whose phases are a library's own, and show what NumPy's show; roundings grow a little from step to step."""
     data = band_limited((24, 33), frames=2, colors=2, radius=0.3).astype(np.complex64)
     field, own = wave_field(data, **BENCHES[bench]), other_library.asarray(data)
-    options = {"max_steps": 3, "many": many(data[:, :, ::-1])} | options
+    options = {"max_steps": 3, "extra_frames": many(data[:, :, ::-1])} | options
     expected, found = (engine.encode(replace(field, data=each), **options) for each in (data, own))
     assert isinstance(found.data, type(own)) and found.gains == pytest.approx(expected.gains, rel=1e-5)
     apart = np.abs(np.exp(1j * np.asarray(found.data)) - np.exp(1j * expected.data))
@@ -345,10 +345,10 @@ def test_darkness(method):
     data = band_limited((32, 32), frames=3, colors=2)
     data[:, 0], data[1, 1] = 0, 0
     more = many(band_limited((32, 32), frames=6, colors=2))
-    phase = engine.encode(wave_field(data), method, max_steps=10, many=more)
+    phase = engine.encode(wave_field(data), method, max_steps=10, extra_frames=more)
     assert phase.gains[0] == 0 and phase.gains[1] > 0
     assert np.isfinite(phase.data).all() and not phase.field().data[:, 0].any()
-    black = engine.encode(wave_field(np.zeros((2, 1, 32, 32))), method, many=lambda progress: 1 / 0)
+    black = engine.encode(wave_field(np.zeros((2, 1, 32, 32))), method, extra_frames=lambda progress: 1 / 0)
     assert black.gains == (0,) and not black.data.any()
 
 
@@ -401,7 +401,7 @@ def test_what_does_not_fit():
         ({"start": "nothing"}, "the start 'nothing'"),
         ({"bits": 0}, "bits from 1 to 16, got 0"),
         ({"compared_planes": 0}, "compared_planes from 1 to 64, got 0"),
-        ({"method": "refine", "many": many(field.data), "seconds": 0}, "more than 0"),
+        ({"method": "refine", "extra_frames": many(field.data), "seconds": 0}, "more than 0"),
         ({"tolerance": 2}, "tolerance"),
         ({"max_steps": 0}, "one step"),
         ({"method": "refine"}, "needs extra frames of the scene"),
@@ -420,10 +420,10 @@ def test_what_is_kept_when_mitsuba_wraps_the_wish_to_stop():
             raise RuntimeError("in a loop") from error
 
     with pytest.raises(engine.Cancelled) as stop:
-        engine.encode(wave_field(band_limited((32, 32))), "refine", many=stopped, max_steps=3)
+        engine.encode(wave_field(band_limited((32, 32))), "refine", extra_frames=stopped, max_steps=3)
     assert stop.value.kept.report["stages"][0]["steps"] == 3
     with pytest.raises(ZeroDivisionError):
-        engine.encode(wave_field(band_limited((32, 32))), "refine", many=lambda progress: 1 / 0, max_steps=3)
+        engine.encode(wave_field(band_limited((32, 32))), "refine", extra_frames=lambda progress: 1 / 0, max_steps=3)
 
 
 def test_a_field_with_nothing_that_can_be_seen():
@@ -537,7 +537,7 @@ def test_refined_phases_are_better_than_the_field(build, camera, small):
 def test_refined_phases_are_nearest_to_the_mean_of_many_frames():
     """Compare at depths, through parts of the pupil, and in brightness: they are closer than the field and `joint`."""
     field, more = wave_field(smooth(4)), smooth(64, seed=1)
-    refined = engine.encode(field, "refine", many=many(more, 24), max_steps=100, eyebox=1)
+    refined = engine.encode(field, "refine", extra_frames=many(more, 24), max_steps=100, eyebox=1)
     assert refined.report["stages"][1]["frames"] == 64
     radius = field.mapping.pupil_radius(field.hologram.max_slope(GREEN))
     part, brightness = engine.Pupil(0.2 * radius, -0.3 * radius, 0.8 * radius), []
@@ -575,7 +575,7 @@ def test_one_frame_that_is_hardly_random_shows_more():
     expected = engine.reconstruct(wave_field(more), [0.5, 1.0, math.inf])
 
     def decibels(**options):
-        phase = engine.encode(field, "refine", many=many(more, 24), max_steps=120, **options)
+        phase = engine.encode(field, "refine", extra_frames=many(more, 24), max_steps=120, **options)
         images = engine.reconstruct(phase.field(), [0.5, 1.0, math.inf])
         return np.mean([engine.psnr(a, b, 6) for a, b in zip(images, expected, strict=True)])
 
@@ -608,12 +608,12 @@ def test_phases_begin_as_random_as_they_should():
                 field,
                 "refine",
                 at_once,
-                many=many(smooth(4, 1, (32, 32))),
+                extra_frames=many(smooth(4, 1, (32, 32))),
                 randomness=randomness,
                 max_steps=10**9,
             )
         kept = stop.value.kept
-        assert [stage["stage"] for stage in kept.report["stages"]] == ["many frames", "refine"]
+        assert [stage["stage"] for stage in kept.report["stages"]] == ["extra frames", "refine"]
         turned = np.abs(np.angle(np.exp(1j * (kept.data - math.pi - even_double_phase((32, 32))))))
         # one step that warms up is shorter than 0.02
         assert turned.max() < randomness * math.pi + 0.02 and turned.max() >= 0.95 * randomness * math.pi
@@ -645,7 +645,7 @@ def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
     field = wave_field(data)
     before = engine.encode(field, "sgd", max_steps=1)
     monkeypatch.setattr(descent, "MAX_STEP", 50.0)
-    after = engine.encode(field, "refine", many=many(data), max_steps=1)
+    after = engine.encode(field, "refine", extra_frames=many(data), max_steps=1)
     np.testing.assert_allclose(np.exp(1j * after.data), np.exp(1j * before.data), atol=1e-5)
 
 
@@ -667,7 +667,7 @@ def test_refinement_takes_the_seconds_that_it_is_given(clock, monkeypatch, bits)
     # which knows that views take longer than a step: not by this clock
     monkeypatch.setattr(encoder._Joint, "_is_worthwhile", lambda *_: True)
     begun = clock.perf_counter()
-    phase = engine.encode(field, "refine", many=many(more, 8), seconds=seconds, bits=bits, max_steps=10**9)
+    phase = engine.encode(field, "refine", extra_frames=many(more, 8), seconds=seconds, bits=bits, max_steps=10**9)
     assert 0.8 * seconds < clock.perf_counter() - begun < 1.2 * seconds
     refined = [stage for stage in phase.report["stages"] if stage["stage"] == "refine"]
     assert len(refined) == 2 and min(stage["steps"] for stage in refined) > 1
@@ -684,7 +684,7 @@ def test_frames_that_are_not_there_in_time_are_done_without(clock):
         yield
 
     field, begun = wave_field(smooth(2)), clock.perf_counter()
-    phase = engine.encode(field, "refine", many=endless, seconds=2)
+    phase = engine.encode(field, "refine", extra_frames=endless, seconds=2)
     assert clock.perf_counter() - begun < 2.4
     sgd, traced, refined = phase.report["stages"]
     assert traced["frames"] == 0 and 0.4 < traced["seconds"] < 1.4 and refined["steps"] >= encoder.MIN_STEPS
@@ -714,8 +714,8 @@ def test_colors_of_a_given_randomness_are_alike_by_the_clock(clock):
     """However short it is: each frame for itself would go towards a field that its phases do not come from."""
     field = wave_field(np.concatenate([smooth(1, n) for n in (0, 5)], axis=1))
     more = np.concatenate([smooth(8, n) for n in (1, 6)], axis=1)
-    phase = engine.encode(field, "refine", many=many(more, 8), seconds=0.1, randomness=0.0)
-    assert [each["stage"] for each in phase.report["stages"]] == ["many frames", "refine", "refine"]
+    phase = engine.encode(field, "refine", extra_frames=many(more, 8), seconds=0.1, randomness=0.0)
+    assert [each["stage"] for each in phase.report["stages"]] == ["extra frames", "refine", "refine"]
     assert all(each["steps"] > 0 for each in phase.report["stages"][1:])
 
 
@@ -756,7 +756,7 @@ def test_seconds_that_are_too_few_for_anything():
             taken.append(None)
             yield [0], smooth(2, seed=1, shape=(32, 32)).astype(np.complex64)
 
-    phase = engine.encode(wave_field(smooth(2, shape=(32, 32))), "refine", many=endless, seconds=1e-9)
+    phase = engine.encode(wave_field(smooth(2, shape=(32, 32))), "refine", extra_frames=endless, seconds=1e-9)
     sgd, frames = phase.report["stages"]
     assert sgd["steps"] == 1 and frames["frames"] == 2 and len(taken) == 1
     assert phase.gains[0] > 0
@@ -772,7 +772,7 @@ def test_refinement_that_is_stopped_keeps_its_best_round():
             raise engine.Cancelled
 
     with pytest.raises(engine.Cancelled) as stop:
-        engine.encode(field, "refine", progress, many=many(smooth(24, seed=1)))
+        engine.encode(field, "refine", progress, extra_frames=many(smooth(24, seed=1)))
     start, refined = stop.value.kept.report["stages"][0], stop.value.kept.report["stages"][-1]
     assert stop.value.kept.report["stopped"] and 0 < refined["steps"] < 400
     assert refined["psnr_db"] > start["psnr_db"] + 2
@@ -783,7 +783,7 @@ def test_frames_that_are_refined_in_groups(monkeypatch):
     field, more = wave_field(smooth(4, shape=(32, 32))), many(smooth(24, 1, (32, 32)))
     padded = Views((32, 32), PITCH, GREEN, 1e-3, 2e-3, 4, 0).padded
     monkeypatch.setattr(encoder, "MAX_BYTES", 2 * math.prod(padded) * encoder.BYTES["together"])
-    phase = engine.encode(field, "refine", many=more, max_steps=60)
+    phase = engine.encode(field, "refine", extra_frames=more, max_steps=60)
     stages = phase.report["stages"][-2:]
     assert [stage["stage"] for stage in stages] == ["refine", "refine"]
     assert phase.gains[0] > 0 and all(stage["steps"] == 60 for stage in stages)
@@ -792,10 +792,10 @@ def test_frames_that_are_refined_in_groups(monkeypatch):
 @pytest.mark.parametrize("bits", [1, 3])
 def test_refinement_for_few_bits(bits):
     field, more = wave_field(smooth(4, shape=(32, 32))), many(smooth(24, 1, (32, 32)))
-    refined = engine.encode(field, "refine", many=more, bits=bits, max_steps=40)
+    refined = engine.encode(field, "refine", extra_frames=more, bits=bits, max_steps=40)
     on_levels(refined, bits)
     expected = engine.reconstruct(wave_field(smooth(24, 1, (32, 32))), [1.0])[0]
-    late = engine.encode(field, "refine", many=more, max_steps=40).field(engine.Modulator(bits))
+    late = engine.encode(field, "refine", extra_frames=more, max_steps=40).field(engine.Modulator(bits))
     in_time, rounded = (
         engine.psnr(engine.reconstruct(light, [1.0])[0], expected, 4) for light in (refined.field(), late)
     )
@@ -877,7 +877,7 @@ def test_refined_pictures_have_no_dark_border():
     data = np.fft.ifft2(np.fft.fft2(there) * transfer_function((64, 64), PITCH, GREEN, -distance))
     data = data[:, None, :side, :side]
     field = wave_field(data[:4], depth_far=distance)
-    phase = engine.encode(field, "refine", many=many(data[4:]), max_steps=100)
+    phase = engine.encode(field, "refine", extra_frames=many(data[4:]), max_steps=100)
 
     def edge(light):
         picture = engine.reconstruct(light, [math.inf])[0, ..., 0]

@@ -18,9 +18,9 @@ SET = 0.4 + 24 * (0.0125 + 0.0125)  # seconds
 MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
-def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, along=0, **settings):
+def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, co_traced=0, **settings):
     plan = planned(costs, traversals, **settings)
-    return engine.plan_encoding(plan, encoding, seconds, along)
+    return engine.plan_encoding(plan, encoding, seconds, co_traced)
 
 
 def planned(costs=COSTS, traversals=3, **settings):
@@ -47,24 +47,24 @@ def test_more_seconds_go_towards_more_frames():
 
 def test_co_traced_frames_need_no_paths():
     """Fewer seconds suffice, and more frames come only where there is time for paths."""
-    found = {seconds: chosen(seconds=seconds, along=24, traversals=1) for seconds in (2, 3, 5, 20)}
+    found = {seconds: chosen(seconds=seconds, co_traced=24, traversals=1) for seconds in (2, 3, 5, 20)}
     assert [(each.method, each.frames) for each in found.values()] == [
         ("joint", 0),
         ("refine", 24),
         ("refine", 24),
         ("refine", 192),
     ]
-    assert chosen(along=24).frames == 96
-    assert chosen().seconds - chosen(along=24).seconds == pytest.approx(COSTS["rays"])
-    assert chosen(along=24, seconds=9, traversals=3).frames == 24  # 48 would be there after four tenths of it
-    assert chosen(along=120).frames == 120
+    assert chosen(co_traced=24).frames == 96
+    assert chosen().seconds - chosen(co_traced=24).seconds == pytest.approx(COSTS["rays"])
+    assert chosen(co_traced=24, seconds=9, traversals=3).frames == 24  # 48 would be there after four tenths of it
+    assert chosen(co_traced=120).frames == 120
     # of few frames all come along: rays by the set, and no paths again
     all_of_them = COSTS["light"] + COSTS["rays"]
-    assert chosen(frames=1).seconds - chosen(frames=1, along=96).seconds == pytest.approx(all_of_them)
+    assert chosen(frames=1).seconds - chosen(frames=1, co_traced=96).seconds == pytest.approx(all_of_them)
 
 
 @pytest.mark.parametrize(
-    ("method", "seconds", "settings", "size", "along"),
+    ("method", "seconds", "settings", "size", "count"),
     [
         ("auto", None, {}, 256, 24),
         ("refine", 1, {}, 256, 24),
@@ -83,9 +83,9 @@ def test_co_traced_frames_need_no_paths():
         ("auto", None, {}, 2048, 0),  # would take 2.4 GB
     ],
 )
-def test_number_of_co_traced_frames(method, seconds, settings, size, along):
+def test_number_of_co_traced_frames(method, seconds, settings, size, count):
     hologram = engine.Hologram(size, size, 8e-6)
-    assert engine.frames_along(planned(traversals=1, **settings), hologram, method, seconds) == along
+    assert engine.extra_frame_count(planned(traversals=1, **settings), hologram, method, seconds) == count
 
 
 @pytest.mark.parametrize("given", [{}, {"seconds": 3}, {"seconds": 3, "speckle": 0.1}])
@@ -158,12 +158,12 @@ def test_short_memory_is_reported(monkeypatch):
     from holopath_addon.engine import memory
 
     found = chosen("refine")
-    assert found.memory_bytes == MEMORY["refine"] and not found.warnings and not chosen("dpac").memory_bytes
+    assert found.memory_bytes == MEMORY["refine"] and not found.memory_warnings() and not chosen("dpac").memory_bytes
     monkeypatch.setattr(memory, "available", lambda: 100e6)
-    assert "This encoding needs about" in found.warnings[0] and not chosen("joint").warnings
+    assert "This encoding needs about" in found.memory_warnings()[0] and not chosen("joint").memory_warnings()
     monkeypatch.setattr(memory, "installed", lambda: 100e6)
     with pytest.raises(engine.InvalidInput, match="This encoding needs about .* this machine has"):
-        _ = found.warnings
+        found.memory_warnings()
 
 
 def test_costs_of_a_real_plan(build, camera, small, monkeypatch):

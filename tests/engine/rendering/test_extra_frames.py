@@ -22,7 +22,7 @@ def test_their_mean_is_that_of_the_field(build, camera, monkeypatch, max_bytes, 
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
     states, batches = [], []
-    more = engine.many_frames(*view[:3], plan, lambda *state: states.append(state), count=96, clocked=clocked)
+    more = engine.extra_frames(*view[:3], plan, lambda *state: states.append(state), count=96, clocked=clocked)
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
@@ -44,7 +44,7 @@ def test_their_mean_is_that_of_the_field(build, camera, monkeypatch, max_bytes, 
 def test_equal_wavelengths_have_frames_each(build, camera):
     hologram = engine.Hologram(32, 32, 8e-6, (640e-9, 640e-9), 1e-3, 2e-3)
     view = build.two_planes(build.emissive), camera, hologram, engine.Settings(frames=1, quality="draft")
-    ((numbers, fields),) = engine.many_frames(*view[:3], engine.plan(*view), lambda *_: None, count=8)
+    ((numbers, fields),) = engine.extra_frames(*view[:3], engine.plan(*view), lambda *_: None, count=8)
     assert numbers == [0, 1] and fields.shape[:2] == (8, 2)
 
 
@@ -55,13 +55,13 @@ def test_a_render_co_traces_the_first_of_them(build, camera, small, field):
     view = build.two_planes(build.diffuse), camera, small, settings
     plan, count = engine.plan(*view), 30
     first = 24 if field == "designed" else count
-    alone, both = engine.render(*view, plan), engine.render(*view, plan, more=first)
-    assert alone.more is None
+    alone, both = engine.render(*view, plan), engine.render(*view, plan, extra_frames=first)
+    assert alone.extra_frames is None
     np.testing.assert_array_equal(both.data, alone.data)
-    many, *rest = (fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=count))
-    np.testing.assert_array_equal(both.more, many)
+    many, *rest = (fields for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=count))
+    np.testing.assert_array_equal(both.extra_frames, many)
     after = [
-        fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=count, begin=first)
+        fields for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=count, begin=first)
     ]
     np.testing.assert_equal(after, rest)
     assert len(rest) == (field == "designed")
@@ -70,4 +70,4 @@ def test_a_render_co_traces_the_first_of_them(build, camera, small, field):
 def test_other_methods_have_none(camera):
     hologram, plan = engine.Hologram(32, 32, 8e-6), SimpleNamespace(settings=engine.Settings(method="point"))
     with pytest.raises(engine.InvalidInput, match="Choose joint"):
-        next(engine.many_frames(None, camera, hologram, plan, lambda *_: None))
+        next(engine.extra_frames(None, camera, hologram, plan, lambda *_: None))

@@ -82,9 +82,9 @@ def by_parts(wave, focal, before, behind):
     edge = (wide - n) // 2
     wave = np.pad(wave, edge).astype(np.complex64)
     x, y = places(wide, PITCH)[None, :], places(wide, PITCH)[:, None]
-    wave = propagate(wave, before, PITCH, GREEN)
+    wave = propagate(wave, PITCH, GREEN, before)
     wave = wave * np.exp(-1j * math.pi * (x**2 + y**2) / (GREEN * focal))
-    return propagate(wave, behind, PITCH, GREEN)[edge:-edge, edge:-edge]
+    return propagate(wave, PITCH, GREEN, behind)[edge:-edge, edge:-edge]
 
 
 LAYOUTS = [(20e-3, 20e-3, 20e-3), (20e-3, 8e-3, 20e-3), (25e-3, 10e-3, 30e-3), (20e-3, 0.0, 15e-3)]
@@ -158,7 +158,7 @@ def test_fresnels_far_field():
     found = Collins(wave.shape, PITCH, GREEN, 1.0, z, wave.shape, PITCH).propagate(wave)
     x, y = places(96, PITCH)[None, :], places(96, PITCH)[:, None]
     found = found * np.exp(1j * math.pi * (x**2 + y**2) / (GREEN * z))
-    wide = propagate(np.pad(wave, 64).astype(np.complex64), z, PITCH, GREEN)[64:-64, 64:-64]
+    wide = propagate(np.pad(wave, 64).astype(np.complex64), PITCH, GREEN, z)[64:-64, 64:-64]
     assert distance_of(found, wide) < 1e-3
 
 

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 
+from holopath_addon.engine.errors import InvalidInput
 from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves import propagation
 
@@ -46,7 +47,7 @@ DISTANCES = [2e-3, 10e-3, 30e-3, 100e-3]
 def test_gaussian_beam(library, waist, distance):
     """Amplitude and phase, wherever the beam is; it fills a quarter of the window at most."""
     field = library.asarray(beam(waist, 0).astype(np.complex64))
-    there = propagation.propagate(field, distance, PITCH, WAVELENGTH)
+    there = propagation.propagate(field, PITCH, WAVELENGTH, distance)
     assert type(there) is type(field) and there.dtype == field.dtype
     expected = beam(waist, distance)
     assert np.linalg.norm(np.asarray(there) - expected) < 1e-4 * np.linalg.norm(expected)
@@ -58,7 +59,7 @@ def test_libraries_of_arrays_agree(other_library):
     field = (rng.normal(size=(2, 3, 40, 50)) + 1j * rng.normal(size=(2, 3, 40, 50))).astype(np.complex64)
     for data in (field, np.ascontiguousarray(field.real)):
         for band in ("circular", "full"):
-            way = np.float64(2e-3), pitch, WAVELENGTH, band
+            way = pitch, WAVELENGTH, np.float64(2e-3), band
             found = propagation.propagate(other_library.asarray(data), *way)
             expected = propagation.propagate(data, *way)
             np.testing.assert_allclose(np.asarray(found), expected, atol=2e-6 * np.abs(expected).max())
@@ -76,7 +77,7 @@ def test_light_of_phases_does_not_come_round():
     kernel = propagation.transfer_function(wide, PITCH, WAVELENGTH, distance)
     kernel = kernel * propagation.carrier(WAVELENGTH, distance)
     expected = np.fft.ifft2(np.fft.fft2(light, wide) * kernel)[:64, :64]
-    error = propagation.propagate(light, distance, PITCH, WAVELENGTH) - expected
+    error = propagation.propagate(light, PITCH, WAVELENGTH, distance) - expected
     assert (
         np.linalg.norm(error) ** 2 < 2e-4 * np.linalg.norm(expected) ** 2
     )  # 4e-3 on a grid without a guard band
@@ -119,7 +120,7 @@ RECORD = {
 
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_agrees_with_the_record_of_torchoptics(distance):
-    ours = propagation.propagate(random_field(), distance, PITCH, WAVELENGTH, band="full")
+    ours = propagation.propagate(random_field(), PITCH, WAVELENGTH, distance, band="full")
     np.testing.assert_allclose(ours[ROWS, COLUMNS], RECORD[distance], atol=1e-6)
 
 
@@ -135,7 +136,7 @@ def torchoptics_field(field, distance):
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_agrees_with_torchoptics(make, distance):
     field = make()
-    ours = propagation.propagate(field, distance, PITCH, WAVELENGTH, band="full")
+    ours = propagation.propagate(field, PITCH, WAVELENGTH, distance, band="full")
     truth = torchoptics_field(field, distance)
     assert np.linalg.norm(ours - truth) < 1e-4 * np.linalg.norm(truth)
 
@@ -154,35 +155,35 @@ def test_torch_finds_gradients():
     field = torch.asarray(random_field(64)).requires_grad_()
     window = torch.zeros((64, 64))
     window[20:40, 10:30] = 1
-    there = propagation.propagate(field, 2e-3, PITCH, WAVELENGTH)
+    there = propagation.propagate(field, PITCH, WAVELENGTH, 2e-3)
     (there.abs() ** 2 * window).sum().backward()
-    back = propagation.propagate((there * window).detach(), -2e-3, PITCH, WAVELENGTH)
+    back = propagation.propagate((there * window).detach(), PITCH, WAVELENGTH, -2e-3)
     assert torch.linalg.norm(field.grad - 2 * back) < 1e-5 * torch.linalg.norm(back)
 
 
 def test_zero_distance_is_the_identity():
     field = random_field()
-    np.testing.assert_allclose(propagation.propagate(field, 0.0, PITCH, WAVELENGTH, "full"), field, atol=2e-6)
+    np.testing.assert_allclose(propagation.propagate(field, PITCH, WAVELENGTH, 0.0, "full"), field, atol=2e-6)
 
 
 def test_there_and_back():
     field = gaussian()
-    there = propagation.propagate(field, 10e-3, PITCH, WAVELENGTH)
-    back = propagation.propagate(there, -10e-3, PITCH, WAVELENGTH)
+    there = propagation.propagate(field, PITCH, WAVELENGTH, 10e-3)
+    back = propagation.propagate(there, PITCH, WAVELENGTH, -10e-3)
     assert np.linalg.norm(back - field) < 1e-4 * np.linalg.norm(field)
 
 
 def test_energy_is_kept():
     field = gaussian()
-    there = propagation.propagate(field, 10e-3, PITCH, WAVELENGTH)
+    there = propagation.propagate(field, PITCH, WAVELENGTH, 10e-3)
     assert np.vdot(there, there).real == pytest.approx(np.vdot(field, field).real, rel=1e-5)
 
 
 @pytest.mark.parametrize("distance", [3e-3, 80e-3])
 def test_adjoint_is_propagation_back(distance):
     a, b = random_field(seed=1), random_field(seed=2)
-    forward = np.vdot(b, propagation.propagate(a, distance, PITCH, WAVELENGTH))
-    adjoint = np.vdot(propagation.propagate(b, -distance, PITCH, WAVELENGTH), a)
+    forward = np.vdot(b, propagation.propagate(a, PITCH, WAVELENGTH, distance))
+    adjoint = np.vdot(propagation.propagate(b, PITCH, WAVELENGTH, -distance), a)
     assert abs(forward - adjoint) < 1e-5 * np.linalg.norm(a) * np.linalg.norm(b)
 
 
@@ -202,7 +203,7 @@ def test_no_light_wraps_around():
     """A spot at the edge walks out of the window; a circular convolution would bring it back."""
     field = np.zeros((N, N), np.complex64)
     field[:, :8] = 1
-    there = propagation.propagate(field, 20e-3, PITCH, WAVELENGTH)
+    there = propagation.propagate(field, PITCH, WAVELENGTH, 20e-3)
     assert np.abs(there[:, -32:]).max() < 0.02
 
 
@@ -213,8 +214,8 @@ def test_fields_that_are_moved_at_once(monkeypatch, count):
     rng = np.random.default_rng(0)
     fields = (rng.normal(size=(8, 40, 50)) + 1j * rng.normal(size=(8, 40, 50))).astype(np.complex64)
     distance, pitch, wavelength = 1e-3, 8e-6, 516.5e-9
-    alone = np.stack([propagation.propagate(field, distance, pitch, wavelength) for field in fields])
-    assert np.array_equal(propagation.propagate(fields, distance, pitch, wavelength), alone)
+    alone = np.stack([propagation.propagate(field, pitch, wavelength, distance) for field in fields])
+    assert np.array_equal(propagation.propagate(fields, pitch, wavelength, distance), alone)
     shape = propagation.padded_shape(fields.shape[1:], pitch, wavelength, distance)
     transfer = propagation.transfer_function(shape, pitch, wavelength, distance)
     expected = np.stack(list(propagation.propagate_stack(fields.copy(), transfer)))
@@ -238,3 +239,9 @@ def test_no_more_fields_are_moved_than_memory_is_for(monkeypatch, memory, fields
     monkeypatch.setattr(propagation, "installed", lambda: memory)
     monkeypatch.setattr(propagation, "threads", lambda: 8)
     assert propagation.stack_bytes(250 << 20, 100) == fields * (250 << 20)
+
+
+def test_the_former_order_of_arguments_is_refused():
+    for pitch in (PITCH, (8e-6, 9e-6)):
+        with pytest.raises(InvalidInput, match="Put the distance last"):
+            propagation.propagate(random_field(), 1e-3, pitch, WAVELENGTH)
