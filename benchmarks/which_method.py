@@ -20,7 +20,8 @@ from .parts import attempt, drawn
 from .scenes import GREEN
 
 SCENE = "portrait"
-SEEN = "right"  # the half of the pupil that a picture shows beside the whole
+RIGHT = list(HALVES).index("right")  # of the half of the pupil that a picture shows beside the whole
+QUARTERS = [(x, y, 0.25) for x in (-0.53, 0.53) for y in (-0.53, 0.53)]  # at the rim; place and radius
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,17 @@ def run(out, pixels=256, paths=64, displays=None):
     for name, display in list(DISPLAYS.items())[:displays]:
         row = attempt(faults, name, lambda display=display: bench.row(display))
         if row:
-            shown[name], (seconds, whole, halves) = row
-            figures = f"{seconds:.0f} | {whole:.1f} | {halves:.1f}"
+            shown[name], (seconds, *means) = row
+            figures = " | ".join([f"{seconds:.0f}", *(f"{mean:.1f}" for mean in means)])
             picture = f"![{display.what}](../images/which-{name}.webp)"
             rows.append(
                 f"| {display.what} | {display.frames} | {display.bits} | `{display.words}` | {figures} | {picture} |"
             )
-    header = "| display | frames | bits | `holopath render` with | s | whole pupil, dB | halves, dB | what it shows |"
-    table = "\n".join([header, "|" + " --- |" * 8, *rows, *faults])
+    header = (
+        "| pictures a second of each color | frames | bits | `holopath render` with | s | whole pupil, dB | halves, dB "
+        "| quarters at the rim, dB | what it shows |"
+    )
+    table = "\n".join([header, "|" + " --- |" * 9, *rows, *faults])
     (folder / "table.md").write_text(table + "\n")
     return drawn(table, lambda: bench.draw(shown, folder))
 
@@ -126,16 +130,16 @@ class Bench:
         )
         near = engine.plan(*self._view).near
         radius = DepthMapping.of(hologram, camera, near).pupil_radius(slope_of(hologram))
-        self._halves = {
-            name: engine.Pupil(x * radius, y * radius, radius) for name, (x, y, _) in HALVES.items()
-        }
 
         def truth(depths, pupil=None):
             return engine.reference(*self._view, depths, pupil, paths, near, halves=True)
 
         self._whole = truth(self._foci)
-        self._parts = {name: truth(self._foci[1:2], pupil)[0] for name, pupil in self._halves.items()}
-        self.truth = self._whole[1].mean(0), self._parts[SEEN].mean(0)
+        self._parts = []
+        for places in (HALVES.values(), QUARTERS):
+            pupils = [engine.Pupil(*(radius * np.array((x, y, 2 * part)))) for x, y, part in places]
+            self._parts.append([(pupil, truth(self._foci[1:2], pupil)[0]) for pupil in pupils])
+        self.truth = self._whole[1].mean(0), self._parts[0][RIGHT][1].mean(0)
 
     def row(self, display):
         """What a display shows.
@@ -143,9 +147,9 @@ class Bench:
         Returns
         -------
         tuple of numpy.ndarray
-            The middle focus through the whole pupil and through its half `SEEN`.
-        (float, float, float)
-            Seconds from the scene to the phases, and mean PSNR in dB through the whole pupil and through halves.
+            The middle focus through the whole pupil and through its right half.
+        (float, float, float, float)
+            Seconds from the scene to the phases, and mean PSNR in dB through the whole pupil, halves and quarters.
         """
         settings = engine.Settings(method=display.method, frames=display.frames)
         self._light(display, settings, 1)  # programs are compiled by then
@@ -154,12 +158,11 @@ class Bench:
         seconds = time.perf_counter() - start
         refocuser = engine.Refocuser(light)
         whole = refocuser(self._foci)
-        parts = {name: refocuser(self._foci[1:2], pupil)[0] for name, pupil in self._halves.items()}
-        means = [
-            float(np.mean([engine.psnr(*pair, self._border) for pair in pairs]))
-            for pairs in (zip(whole, self._whole, strict=True), [(parts[n], self._parts[n]) for n in parts])
-        ]
-        return (whole[1], parts[SEEN]), (seconds, *means)
+        pairs = [list(zip(whole, self._whole, strict=True))]
+        for part in self._parts:
+            pairs.append([(refocuser(self._foci[1:2], pupil)[0], truth) for pupil, truth in part])
+        means = [float(np.mean([engine.psnr(*pair, self._border) for pair in own])) for own in pairs]
+        return (whole[1], pairs[1][RIGHT][0]), (seconds, *means)
 
     def _light(self, display, settings, steps=None):
         """The light of a display's phases; of as many steps at most."""

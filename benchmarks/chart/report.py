@@ -23,6 +23,7 @@ from .methods import ENCODED, SHOWN_BUDGETS, TUNED, M, methods
 from .scenes import SCENES
 
 PAGE, IMAGES = Path("docs/chart.md"), Path("docs/images")
+NOTES = Path(__file__).parent / "notes"  # sentences on `auto` where it is not ahead, and on what fell
 FALL = 0.2  # dB from which on what is lower than before is told
 PLAIN = (
     "seconds",
@@ -49,10 +50,10 @@ INTRODUCTION = (
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
 scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on
 two cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
-[--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. Records are kept in
+[--methods NAME ...] [--pixels N] [--anew] [--docs] [--page] [--since FILE] [--out FOLDER]` what is named. Records are kept in
 build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped goes on where it
 was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
-records, and this page is written from all that is published. So scenes may come from several machines, but what is
+records, and this page is written from all that is published; `--page` writes it and measures nothing. So scenes may come from several machines, but what is
 compared at equal seconds does not. A part that fails is named at the end of the page, with its reason, and measured
 again the next time. With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
 
@@ -75,6 +76,12 @@ display shows them, each the nearest of 256 levels. **Foci** is the mean of the 
 person sees first: the middle half of the picture, through the whole pupil, focused on what is there. **FLIP** is a
 measure of what a person sees change between picture and reference (Andersson et al., 2020), 0 to 1, less is better:
 mean of the foci in front, in the middle and at the back, at 67 pixels a degree; empty where its package was not there.
+
+**Methods**: `auto` is HoloPath at its defaults. `full` follows paths from each view's surfaces, `fast` bakes diffuse
+light first, and `auto-opl` puts images in mirrors at the optical path length, as published. `paper` is the published
+estimator, and `direct` the same without a recording plane. [The others](how-to/compare.md) are other people's.
+**Efforts**: *draft* to *high* are `--quality`, *512 rays* are rays a pixel, *despeckled* is `--despeckle`, and *encoded
+5 s* is `--encode-seconds 5`.
 
 All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
 glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.
@@ -381,7 +388,7 @@ def _page(
         "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has "
         "nothing yet. With a star it is a draft, which shows mirrors and glass as pictures on their surfaces.\n"
     )
-    text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), ""]
+    text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), "", *_notes("exceptions")]
     for scene, rows in budgets.items():
         text += attempt(
             faults,
@@ -417,6 +424,7 @@ def _page(
         text.append(
             f"\n## What is lower than before\n\nBy more than {FALL} dB, in {len(before)} records of before.\n"
         )
+        text += _notes("falls")
         text += attempt(faults, "falls", lambda: _falls_table(before, records), instead=[])
     gaps = [(r, r["failed"]) for r in failed]
     text.append("\n## What gave no figures\n")
@@ -428,6 +436,12 @@ def _page(
             + [["", "", "", "", _cell(fault)] for fault in faults],
         )
     return "\n".join(text) + "\n"
+
+
+def _notes(name):
+    """Remarks of whoever measured, which the page has as they are."""
+    file = NOTES / f"{name}.md"
+    return [file.read_text("utf-8")] if file.exists() else []
 
 
 def _made_table(made):
@@ -670,7 +684,8 @@ def _triangles_table(triangles):
 def _all_figures(records):
     header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM"]
     header += ["front, middle, back", "views", "pupil 1/2, 1/4"]
-    header += ["in focus", "out of focus", "foci", "halfway", "center", "FLIP", "speckle", "8 bits", "worst"]
+    header += ["in focus", "out of focus", "foci", "halfway", "center", "FLIP", "speckle"]
+    header += ["8 bits, mean", "8 bits, worst"]
     body = []
     for r in records:
         shown = (("front", "middle", "back"), ("view-left", "view-right"), PUPILS)

@@ -185,8 +185,8 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]``; see
-        `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--page] [--since FILE]
+        [--out FOLDER]``; see `parser`.
 
     Returns
     -------
@@ -200,8 +200,8 @@ def run(*arguments):
     """
     options = parser().parse_args(arguments)
     short = options.names[:1] == ["quick"]
-    if short and options.docs:
-        raise engine.InvalidInput("The quick chart is not published: leave out --docs, or quick.")
+    if short and (options.docs or options.page):
+        raise engine.InvalidInput("The quick chart is not published: leave out --docs and --page, or quick.")
     chart = (quick if short else full)(options.pixels)
     parts = options.names[short:] or (*chart.scenes, archive.TRIANGLES)
     scenes = [name for name in parts if name != archive.TRIANGLES]
@@ -216,10 +216,10 @@ def run(*arguments):
         _check(name, methods(chart.hologram), "method")
     if options.since:
         report.earlier(options.since)  # it is told before hours of work that there is none
-    records, seconds = measured(chart, scenes, names, options.anew)
+    records, seconds = ([], 0.0) if options.page else measured(chart, scenes, names, options.anew)
     command = " ".join(("python -m benchmarks chart", *arguments))
     made = report.Made.now(command, seconds, measure.ROOT)
-    tables, faults = report.write(chart, records, made, options.docs, options.since)
+    tables, faults = report.write(chart, records, made, options.docs or options.page, options.since)
     if faults:
         raise Incomplete(tables, faults)
     return tables
@@ -241,6 +241,9 @@ def parser():
         "--docs",
         action="store_true",
         help="publish scenes that are whole in docs/chart, and write docs/chart.md of all that are there",
+    )
+    parser.add_argument(
+        "--page", action="store_true", help="write docs/chart.md of what is published, and measure nothing"
     )
     parser.add_argument(
         "--since", metavar="FILE", help="an earlier page or chart.json: list what is lower now than there"

@@ -322,10 +322,11 @@ def test_scenes_are_published_one_by_one(tiny, tmp_path, monkeypatch):
     )
     assert (before["psnr"], now["psnr"], now["seconds"]) == (20.0, 21.0, 0.333333)
     assert "21.00" in page and "20.00" in page and "22.00" not in page
+    assert publish([], "2026-01-03") == page  # as of --page, which measures nothing
 
 
 def test_the_quick_chart_is_not_published():
     with pytest.raises(
-        engine.InvalidInput, match="^The quick chart is not published: leave out --docs, or quick.$"
+        engine.InvalidInput, match="^The quick chart is not published: leave out --docs and --page, or quick.$"
     ):
         run.run("quick", "--docs")
