@@ -63,7 +63,7 @@ def add(command, store):
         default="auto",
         help="dpac: double phase; sgd: gradient descent of each frame; joint: of all frames together; refine: of all "
         "frames, towards many extra frames of the same light, which need the scene. auto (default) is refine if the "
-        "scene is there, else joint, and sgd with one frame",
+        "scene is there, else joint, or sgd for one frame",
     )
     add(
         "--scene",

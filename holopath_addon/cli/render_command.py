@@ -142,7 +142,7 @@ def add_scene(parser, store):
         "--display",
         type=argument(displays.display),
         metavar="PRESET",
-        help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
+        help=f"resolution, pitch, frames and depth range of a device, see docs/slm.md: {', '.join(engine.DISPLAYS)}",
     )
     add(
         "--resolution",
@@ -336,7 +336,7 @@ def add_encoding(parser):
         choices=("none", *ENCODINGS),
         default="none",
         help="also write phases for an SLM into DIR/hologram (default none); auto: the best method that "
-        "--encode-seconds allow, which is refine, joint if they are too few, and sgd with one frame",
+        "--encode-seconds allow, which is refine, or if they are too few joint, or sgd for one frame",
     )
     add_levels(parser)
     add_encode_seconds(parser)

@@ -132,8 +132,8 @@ ENCODINGS = choices(
     (
         "auto",
         "Automatic",
-        "The best in the given seconds: Many Frames where the scene is available, otherwise All Frames; Each Frame "
-        "for one frame",
+        "The best in the given seconds: Many Frames where the scene is available, otherwise All Frames, or Each "
+        "Frame for one frame",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
