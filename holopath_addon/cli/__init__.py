@@ -229,7 +229,7 @@ def _plan(args):
         extra_frames = engine.extra_frame_count(plan, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
         encoding = engine.plan_encoding(plan, args.encode, seconds, extra_frames, eyebox)
-        axis = engine.axis_decision(encoding.method, args.bits, hologram)
+        axis = engine.axis_decision(encoding.method, render_command.bits_of(args), hologram)
     if args.json:
         print(
             json.dumps(

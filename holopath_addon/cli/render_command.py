@@ -338,7 +338,7 @@ def add_encoding(parser):
         help="also write phases for an SLM into DIR/hologram (default none); auto: the best method that "
         "--encode-seconds allow, which is refine, or if they are too few joint, or sgd for one frame",
     )
-    add_levels(parser)
+    add_levels(parser, " (default: those of --display, if they are fewer than 8)")
     add_encode_seconds(parser)
     add_eyebox(parser)
     parser.add_argument(
@@ -511,18 +511,20 @@ def _encode_seconds(text):
     return seconds
 
 
-def add_levels(parser):
+def add_levels(parser, default=""):
     """Add the options of the SLM's levels.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
+    default : str
+        Words on what is taken without ``--bits``.
     """
     parser.add_argument(
         "--bits",
         type=argument(bits),
         metavar="N",
-        help="bits of the SLM's phase levels, if they are few: phases are optimized for these levels",
+        help=f"bits of the SLM's phase levels, if they are few: phases are optimized for these levels{default}",
     )
     parser.add_argument(
         "--response",
@@ -530,6 +532,23 @@ def add_levels(parser):
         help="measured levels instead of --bits: the SLM's calibration (.json), with the display's model if `holopath "
         "calibrate` has fitted one, or a text file of phases in radians",
     )
+
+
+def bits_of(args):
+    """Bits of the levels that phases are optimized for: those of ``--bits``, or few ones of ``--display``.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+
+    Returns
+    -------
+    int or None
+        None for any phase, and with measured levels.
+    """
+    if args.bits is not None or args.response is not None or args.display is None:
+        return args.bits
+    return args.display.few_bits
 
 
 def levels_of(args, hologram):
@@ -824,7 +843,7 @@ def request_of(args, source, job=None):
         args.focus,
         pupil_of(args),
         args.store,
-        Encoding(args.encode, seconds, eyebox_of(args, args.encode), args.bits, levels, display),
+        Encoding(args.encode, seconds, eyebox_of(args, args.encode), bits_of(args), levels, display),
         Outputs(args.compare_reference, args.rgbd, args.light_field, args.quilt, args.contact_sheet),
         Origin(args.scene, scene_state=scene_state, job=job),
     )

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from .errors import InvalidInput
 
+ENOUGH_BITS = 8  # bits of phase from which rounding has no visible effect
+
 
 @dataclass(frozen=True)
 class Display:
@@ -41,6 +43,11 @@ class Display:
     number: int
     depth_range: tuple[float, float] = (80e-3, 85e-3)
     frames: int = 1
+
+    @property
+    def few_bits(self) -> int | None:
+        """Bits of the levels that phases are to be optimized for; None if rounding has no visible effect."""
+        return self.bits if self.bits < ENOUGH_BITS else None
 
 
 DISPLAYS = {

@@ -23,10 +23,10 @@ import bpy
 from .. import engine
 from ..blender import preferences, properties
 from ..blender.properties.optics import files_of, optics_of
+from ..engine.displays import ENOUGH_BITS
 from ..farm.job import job_of
 from ..workflow import failures
 from . import session
-from .hologram import ENOUGH_BITS
 from .modal_operator import push_undo
 
 REDRAW_INTERVAL = 0.5  # seconds

@@ -9,14 +9,13 @@ from .. import engine
 from ..blender import preferences, properties
 from ..blender.device_properties import calibration_of
 from ..blender.properties.optics import optics_of, set_colors
+from ..engine.displays import ENOUGH_BITS
 from ..engine.scene import variants
 from ..slm.calibration import colors_of
 from ..workflow import failures, pipeline
 from ..workflow.request import Encoding
 from . import session
 from .modal_operator import ModalOperator, SaveOperator, has_field, has_phase, report_error
-
-ENOUGH_BITS = 8  # bits of phase from which rounding has no visible effect
 
 
 def _quality(phase):

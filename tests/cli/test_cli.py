@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.cli import sources
+from holopath_addon.cli import render_command, sources
 from holopath_addon.workflow import output, pipeline
 from tests.patience import NEVER, SOON
 
@@ -323,6 +323,24 @@ def test_refuses_a_pupil_before_it_renders(xml, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(engine, "render", lambda *a, **k: pytest.fail("rendered"))
     words = ["render", str(xml), *SMALL, "--pupil", "900,0,1", "--out", str(tmp_path / "out")]
     refused(cli.main(words), capfd.readouterr().err, 2, "outside the light")
+
+
+@pytest.mark.parametrize(
+    ("words", "bits"),
+    [
+        (["--display", "ti-plm-067"], 4),
+        (["--display", "ti-plm-067", "--bits", "1"], 1),
+        (["--display", "ti-plm-067", "--response", "levels.txt"], None),
+        (["--display", "pluto-2"], None),
+        (["--display", "santec-slm-210"], None),
+        (["--bits", "2"], 2),
+    ],
+    ids=" ".join,
+)
+def test_levels_of_a_display(words, bits):
+    """A panel of few levels has phases for these."""
+    args = cli._parser(engine.BakeStore.default()).parse_args(["plan", "scene.xml", *words])
+    assert render_command.bits_of(args) == bits
 
 
 @pytest.fixture(scope="module")
