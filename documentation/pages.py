@@ -105,8 +105,17 @@ def _upper(text):
 
 
 def chart_table() -> str:
-    """Of the chart's table of methods, what a reader asks first."""
-    return _chart_rows((DOCS / "chart.md").read_text("utf-8"))
+    """The part of the chart's table of methods that readers ask for first, and when it was measured."""
+    text = (DOCS / "chart.md").read_text("utf-8")
+    return f"{_chart_rows(text)}\n\n{_chart_made(text)}"
+
+
+def _chart_made(text):
+    """Days and commits of the chart's records, and its scenes, in a sentence."""
+    made = dict.fromkeys(re.findall(r"(\d{4}-\d\d-\d\d)(?:, commit | \| )([0-9a-f]{7,})", text))
+    scenes = re.findall(r"(?m)^\*\*(\w+)\*\*, ", text)
+    days = " and ".join(f"{day} (commit {commit})" for day, commit in made)
+    return f"*Measured on {days}: {', '.join(scenes)}.*"
 
 
 def _chart_rows(text):
@@ -117,11 +126,13 @@ def _chart_rows(text):
     wanted = ("fast", "reflection", "material", "view", "between", "out of focus")
     columns = [next(n for n, title in enumerate(head) if part in title) for part in wanted]
     lines = [
-        "| " + " | ".join(["method", "seconds", *CHART_COLUMNS]) + " |",
-        "|---" * (len(wanted) + 1) + "|",
+        "| " + " | ".join(["method", "light", "seconds", *CHART_COLUMNS]) + " |",
+        "|---" * (len(wanted) + 2) + "|",
     ]
     for name, told in CHART_METHODS.items():
-        lines.append("| " + " | ".join([told, *(body[name][n] for n in columns)]) + " |")
+        if name in body:  # others were not measured
+            light = "phases" if name in CHART_PHASES else "field"
+            lines.append("| " + " | ".join([told, light, *(body[name][n] for n in columns)]) + " |")
     return "\n".join(lines)
 
 
@@ -145,6 +156,7 @@ CHART_METHODS = {
     "focal-stack": "phases from a focal stack",
     "light-field": "phases from a light field",
 }
+CHART_PHASES = frozenset({"rgbd-sgd", "focal-stack", "light-field"})  # those of the others are complex fields
 
 
 def decisions() -> str:
