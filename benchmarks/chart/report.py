@@ -349,7 +349,7 @@ def _page(
         f"One frame, phases: best PSNR in dB within {max(SHOWN_BUDGETS)} s, mean / worst. Most SLMs show 60 to 180 "
         "pictures a second, which are one to three frames a color. Methods that find a complex field are compared by "
         "the phases that `sgd` finds for it, in the seconds of both. With fewer than six frames other people's "
-        "methods begin with phases that are hardly random, for random ones show more speckle than picture; stereogram, "
+        "methods begin with phases that are nearly constant, for random ones show more speckle than picture; stereogram, "
         "light-field and the paper's estimator stay random.\n"
     )
     text += [*attempt(faults, "one frame", lambda: _one_frame_table(shown), instead=[]), ""]

@@ -136,7 +136,7 @@ def hologram_of(container: Container, options: ReadOptions | None = None) -> Wav
     ----------
     container : Container
         Contents of a file, or of several by `read_parts`, with optional attributes as `container_of` writes them.
-    given : Given, optional
+    options : ReadOptions, optional
         These override the file's attributes.
 
     Raises

@@ -54,6 +54,7 @@ MOVES, TURNS = ("right", "up", "forward"), ("turn_left", "turn_up")  # that a vi
 MAX_NAME = 60  # characters of the readable part of a folder's name
 FIGURES = (
     "psnr_db",
+    "phases_psnr_db",
     "psnr_deviation_db",
     "psnr_of_diffracted_db",
     "psnr_ceiling_db",

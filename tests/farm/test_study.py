@@ -197,7 +197,8 @@ def test_the_table_tells_what_the_reports_do(study, tmp_path):
     with h5py.File(out / "table.h5") as file:
         stored = file["table"]
         assert stored.dtype.names == tuple(found[0])
-        np.testing.assert_array_equal(stored["psnr_db"], [float(row["psnr_db"]) for row in found])
+        for name in ("psnr_db", "phases_psnr_db"):
+            np.testing.assert_array_equal(stored[name], [float(row[name]) for row in found])
         np.testing.assert_array_equal(stored["frames"], [1, 1, 2, 2])
         assert stored["frames"].dtype == np.int64 and np.isnan(stored["wrp"][:2]).all()
         assert stored["run"].astype(object)[0].decode() == found[0]["run"]

@@ -140,5 +140,5 @@ def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert cli.main([*words, "--rate", "60", "--out", str(tmp_path / "out")]) == 1
-    assert "Install it, or run `pip install holopath[video]`, or choose --kind png" in capfd.readouterr().err
+    assert "Install it, or run `pip install imageio-ffmpeg`, or choose --kind png" in capfd.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["hologram"]

@@ -41,7 +41,7 @@ def ffmpeg() -> str:
             path = import_module("imageio_ffmpeg").get_ffmpeg_exe()
         except (ImportError, RuntimeError) as error:
             raise BackendUnavailable(
-                "A video needs the program ffmpeg. Install it, or run `pip install holopath[video]`, or choose --kind "
+                "A video needs the program ffmpeg. Install it, or run `pip install imageio-ffmpeg`, or choose --kind "
                 "png."
             ) from error
     return path

@@ -32,7 +32,7 @@ def test_a_card_without_a_library(card):
     card()
     name, advice = libraries.choose()
     assert name == "numpy" and advice == libraries.describe()
-    assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
+    assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'cupy-cuda12x[ctk]'" in advice
     assert planner.decide_library({}).warnings == (advice,)
 
 
