@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import engine
-from ..engine.planning.planner import resolved
 from ..engine.progress import Stages, parts, stage, with_time_left
 from ..engine.viewing import assessment
 from ..engine.viewing.metrics import speckle_contrast
@@ -263,8 +262,7 @@ def _reference(args, field, say):
         )
     if not reopened.same:
         say(f"note: {reopened.name} is not the scene of the field.")
-    settings = resolved(reopened.settings or engine.Settings())
-    return assessment.PathTraced(reopened.scene, field, args.paths, settings.max_depth)
+    return assessment.PathTraced(reopened.scene, field, args.paths, reopened.max_depth)
 
 
 def _comparison(sections, reference, refocus, depths, views, progress):

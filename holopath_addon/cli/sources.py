@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from .. import engine
 from ..blender import demo
+from ..engine.planning.planner import resolved
 from ..engine.scene import variants
 from ..engine.scene.captured.views import METHODS as VIEW_METHODS
 from ..exchange import captures
@@ -640,6 +641,8 @@ class Reopened:
     scene : mitsuba.Scene
     settings : engine.Settings or None
         Settings of the field; None if its report lacks them.
+    max_depth : int
+        `Settings.max_depth` of the field's light; that of the scene if the report lacks it.
     same : bool
         Whether the scene is unchanged since the render.
     """
@@ -647,6 +650,7 @@ class Reopened:
     name: str
     scene: "mi.Scene"
     settings: engine.Settings | None
+    max_depth: int
     same: bool
 
 
@@ -733,7 +737,8 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
         scene = load(None)  # another scene may have other cameras
     if not same(scene) and isinstance(source, BlenderSource):
         scene = load(field.camera)
-    return Reopened(name, scene, settings, same(scene))
+    max_depth = resolved(settings or source.settings).max_depth
+    return Reopened(name, scene, settings, max_depth, same(scene))
 
 
 def to_frame(frame, name, source):

@@ -6,8 +6,10 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from holopath_addon import cli, engine
+from holopath_addon.cli import sources
 from holopath_addon.cli.report_page import svg_sketch
 from holopath_addon.engine.viewing import bench_sketch
+from holopath_addon.exchange.mitsuba_file import UNLIMITED_DEPTH
 
 SCENE = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="40"/>
@@ -79,6 +81,21 @@ def test_refusals_leave_nothing(words, says, scenes, tmp_path, monkeypatch, caps
     assert cli.main(["report", "out", *words]) == 2
     assert says in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("integrator", "depth"),
+    [("", UNLIMITED_DEPTH), ('<integrator type="path"><integer name="max_depth" value="3"/></integrator>', 3)],
+)
+def test_light_beside_an_imported_hologram_is_the_scenes(integrator, depth, scenes, backend, tmp_path):
+    """Its report has no settings."""
+    from tests.exchange import fields
+
+    field = fields.field()
+    field.save(tmp_path / "out" / "wavefield")
+    scenes[0].write_text(scenes[0].read_text().replace("<sensor", f"{integrator}<sensor"))
+    reopened = sources.reopen(tmp_path / "out", field, str(scenes[0]))
+    assert (reopened.settings, reopened.max_depth, reopened.same) == (None, depth, False)
 
 
 def test_the_sketch_of_the_bench():
