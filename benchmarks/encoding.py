@@ -356,7 +356,7 @@ def seconds(side=SIDE, count=None, given=GIVEN, frames=8):
             more = sum(stage.get("frames", 0) for stage in stages)
             lines.append(
                 f"    {method:6}{options.get('seconds', '-'):>5} s: {_mean_and_worst(look(phase.field()))}  "
-                f"{taken:6.1f} s, {phase.method}, {more} more frames, {stages[-1]['steps']} steps"
+                f"{taken:6.1f} s, {phase.method}, {more} extra frames, {stages[-1]['steps']} steps"
             )
     return "\n".join(lines)
 

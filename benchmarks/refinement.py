@@ -59,7 +59,7 @@ def subjects():
 
 
 class Subject:
-    """A scene, its truth, and many more frames of it.
+    """A scene, its truth, and many extra frames of it.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def bits(hologram, numbers=FRAMES, levels=BITS):
             f"  M = {frames}",
             subject.row("complex field", field),
             subject.row("despeckled", subject.field(frames, despeckle=200)),
-            subject.row("auto without more frames", engine.encode(field).field()),
+            subject.row("auto without extra frames", engine.encode(field).field()),
             subject.row("refined", subject.refined(field)),
             *(subject.row(f"refined, {n} bits", subject.refined(field, bits=n)) for n in levels),
             subject.row("auto without more, 1 bit", engine.encode(field, bits=1).field()),

@@ -22,7 +22,7 @@ CLOSE = 120  # pixels along the side of a close-up
 COLUMNS = 4
 
 
-def draw(chart, records, triangles, table, shown, folder, faults):
+def draw(chart, records, triangles, table, shown, measured, folder, faults):
     """Write all pictures that there is something for; one that fails is left out.
 
     Parameters
@@ -35,6 +35,8 @@ def draw(chart, records, triangles, table, shown, folder, faults):
         Of `analysis.table_1`.
     shown : dict of int to dict
         By seconds and scene, of `analysis.over_frames`.
+    measured : sequence of str
+        Scenes whose pictures are kept beside their records, for close-ups.
     folder : path
     faults : list of str
         Takes what failed and why.
@@ -62,7 +64,7 @@ def draw(chart, records, triangles, table, shown, folder, faults):
         files["chart-frames.png"] = lambda path: _frames(shown, scenes, colors, path)
     if triangles:
         files["chart-triangles.png"] = lambda path: _triangles(triangles, colors, path)
-    for scene in scenes:
+    for scene in measured:
         files[f"chart-closeups-{scene}.jpg"] = lambda path, scene=scene: _close_ups(
             chart, records, scene, path
         )

@@ -17,6 +17,7 @@ from .methods import ENCODED, OTHERS, SHOWN, M, methods
 from .scenes import SCENES, TRIANGLES
 
 FOLDER = Path("build/chart")
+PIXELS = 256  # of the holograms, a side
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
 OVER_FRAMES = ("planes",)  # scenes in which seconds of the usual efforts over frames are found
@@ -151,7 +152,7 @@ def _hologram(pixels):
     return engine.Hologram(pixels, pixels, 8e-6, RGB, 1e-3 * nearer, 6e-3 * nearer)
 
 
-def full(pixels=256):
+def full(pixels=PIXELS):
     """The chart of ``make chart``, of holograms so many pixels wide and high."""
     hologram = _hologram(pixels)
     shown = {scene: OTHERS if scene in MANY_FRAMES else (1, 3) for scene in SCENES}
@@ -161,7 +162,7 @@ def full(pixels=256):
     )  # fmt: skip
 
 
-def quick(pixels=256):
+def quick(pixels=PIXELS):
     """The chart of ``make chart-quick``: `auto` at its efforts and its rivals, under ten minutes on two cores."""
     hologram = _hologram(pixels)
     efforts = {
@@ -200,8 +201,10 @@ def run(*arguments):
     """
     options = parser().parse_args(arguments)
     short = options.names[:1] == ["quick"]
-    if short and (options.docs or options.page):
-        raise engine.InvalidInput("The quick chart is not published: leave out --docs and --page, or quick.")
+    if short and options.docs:
+        raise engine.InvalidInput("The quick chart is not published: leave out --docs, or quick.")
+    if options.page:
+        return _written_anew(options)
     chart = (quick if short else full)(options.pixels)
     parts = options.names[short:] or (*chart.scenes, archive.TRIANGLES)
     scenes = [name for name in parts if name != archive.TRIANGLES]
@@ -216,10 +219,25 @@ def run(*arguments):
         _check(name, methods(chart.hologram), "method")
     if options.since:
         report.earlier(options.since)  # it is told before hours of work that there is none
-    records, seconds = ([], 0.0) if options.page else measured(chart, scenes, names, options.anew)
+    records, seconds = measured(chart, scenes, names, options.anew)
     command = " ".join(("python -m benchmarks chart", *arguments))
     made = report.Made.now(command, seconds, measure.ROOT)
-    tables, faults = report.write(chart, records, made, options.docs or options.page, options.since)
+    tables, faults = report.write(chart, records, made, options.docs, options.since)
+    if faults:
+        raise Incomplete(tables, faults)
+    return tables
+
+
+def _written_anew(options):
+    """The tables of what is published, whose page is written."""
+    chart = full()
+    others = options.names, options.methods, options.anew, options.docs, options.out, options.pixels != PIXELS
+    if any(others):
+        raise engine.InvalidInput("The page is of all that is published: leave out all but --page and --since.")
+    if not archive.load((*chart.scenes, archive.TRIANGLES), archive.FOLDER):
+        raise engine.InvalidInput(f"Nothing is published in {archive.FOLDER} yet: measure a scene with --docs.")
+    made = report.Made.now("python -m benchmarks chart --page", 0.0, measure.ROOT)
+    tables, faults = report.write(chart, [], made, True, options.since)
     if faults:
         raise Incomplete(tables, faults)
     return tables
@@ -235,7 +253,7 @@ def parser():
         help=f"of {', '.join(SCENES)}, {archive.TRIANGLES}; default: all",
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
-    parser.add_argument("--pixels", type=int, default=256, help="of the holograms, a side; default: 256")
+    parser.add_argument("--pixels", type=int, default=PIXELS, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument(
         "--docs",

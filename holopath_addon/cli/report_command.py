@@ -229,7 +229,9 @@ def _phases(sections, phase, refocus, focus, whole, eye_images, progress):
         (whole_loss,) = assessment.loss(phase_refocus([focus], progress=stage(progress, 0.95, 1.0)), whole)
         note = ""
         if phase.method == "refine":
-            note = " The phases approximate the mean of extra frames, so most of the difference is speckle of the field."
+            note = (
+                " The phases approximate the mean of extra frames, so most of the difference is speckle of the field."
+            )
         text += (
             f"<p>PSNR of images of the phases relative to those of the complex field:{note} "
             f"{whole_loss:.1f} dB through the whole pupil; through half of it, by its position:</p>"

@@ -367,17 +367,18 @@ def _encoding(layout, context):
     """Draw the plan of encoding, and the use of more seconds, if there is a plan."""
     try:
         plan = session.encoding_of(context.scene)
+        if plan is None:
+            return
+        warnings = plan.memory_warnings()
     except engine.InvalidInput as error:
         alert(layout, context, str(error))
-        return
-    if plan is None:
         return
     column = layout.column(align=True)
     label = ENCODINGS[plan.method].label
     wrapped(column, context, f"{label}: About {duration(plan.seconds)}" if plan.seconds else label)
     if plan.memory_bytes:
         wrapped(column, context, f"Memory: {plan.memory_bytes / 1e6:.0f} MB")
-    for warning in plan.warnings:
+    for warning in warnings:
         wrapped(column, context, warning, icon="ERROR")
     reason = column.column(align=True)
     reason.active = False

@@ -327,6 +327,14 @@ def test_scenes_are_published_one_by_one(tiny, tmp_path, monkeypatch):
 
 def test_the_quick_chart_is_not_published():
     with pytest.raises(
-        engine.InvalidInput, match="^The quick chart is not published: leave out --docs and --page, or quick.$"
+        engine.InvalidInput, match="^The quick chart is not published: leave out --docs, or quick.$"
     ):
         run.run("quick", "--docs")
+
+
+def test_a_page_of_what_is_published(monkeypatch, tmp_path):
+    with pytest.raises(engine.InvalidInput, match="^The page is of all that is published"):
+        run.run("quick", "--page")
+    monkeypatch.setattr(archive, "FOLDER", tmp_path)
+    with pytest.raises(engine.InvalidInput, match="^Nothing is published in .* yet: measure a scene"):
+        run.run("--page")

@@ -106,7 +106,7 @@ def test_phases_begin_with_the_previous_frame(moving, tmp_path, monkeypatch):
 
     def encode_briefly(field, method="auto", progress=None, **options):
         starts.append(options.get("start"))
-        return encode(field, method, progress, **{**options, "many": None, "max_steps": 30})
+        return encode(field, method, progress, **{**options, "extra_frames": None, "max_steps": 30})
 
     monkeypatch.setattr(engine, "encode", encode_briefly)
     monkeypatch.setattr(engine, "extra_frame_count", lambda *_: 0)

@@ -177,4 +177,4 @@ def test_another_label_is_found(small, monkeypatch):
 def test_what_varies_is_no_label():
     assert labels.words("Many Frames: About 4 min") == labels.words("Many Frames: About 12.5 s")
     assert labels.words("On Disk: 8.9 MB") == "On Disk: # MB"
-    assert labels.words("towards more frames of the same light") == ""
+    assert labels.words("towards extra frames of the same light") == ""

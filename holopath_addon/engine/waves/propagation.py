@@ -490,10 +490,11 @@ def propagate(
     InvalidInput
         For arguments in the order of version 0.2, whose distance came first.
     """
-    if isinstance(wavelength, tuple) or 0 < distance < wavelength > INFRARED:
+    if np.ndim(wavelength) or 0 < distance < wavelength > INFRARED:
         raise InvalidInput(
-            f"Expected propagate(field, pitch, wavelength, distance), got a pitch of {pitch}, a wavelength of "
-            f"{wavelength} and a distance of {distance} m. Put the distance last: until version 0.2 it came first."
+            f"Expected propagate(field, pitch, wavelength, distance) with one wavelength, got a pitch of {pitch}, a "
+            f"wavelength of {wavelength} and a distance of {distance} m. Put the distance last: until version 0.2 it "
+            "came first."
         )
     field = arrays.known(field)
     shape = field.shape[-2:]

@@ -178,7 +178,7 @@ def test_layers_block_as_waves(build, camera):
     class Seed:
         settings, shape = engine.Settings(frames=2), (SIDE, SIDE)
 
-    # phases are hardly random, beside that of a wave along the axis
+    # phases are nearly constant, beside that of a wave along the axis
     axial = np.exp(2j * np.pi * (near - far) / GREEN)
     for m in range(2):
         phasor = gain_for(2) * random_phasor(Seed, m, 0)

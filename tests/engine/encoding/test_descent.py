@@ -45,7 +45,7 @@ def wave_field(data, **hologram):
 
 
 def many(data, batch=4):
-    """The argument `many` of `encode`: batches of frames."""
+    """The argument `extra_frames` of `encode`: batches of frames."""
     colors = list(range(data.shape[1]))
     return lambda progress: (
         (colors, data[n : n + batch].astype(np.complex64)) for n in range(0, len(data), batch)
