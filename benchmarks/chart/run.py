@@ -36,7 +36,7 @@ FULL_EFFORTS = {
     "full": ("draft", "balanced"),
     "auto": (
         "draft", "preview", "balanced", "high", "preview, encoded 1 s", "preview, encoded 5 s",
-        "balanced, encoded 20 s", ENCODED, "high, encoded 45 s",
+        "balanced, encoded 7 s", "balanced, encoded 20 s", ENCODED, "high, encoded 45 s",
     ),
 }  # fmt: skip
 
