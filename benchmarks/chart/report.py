@@ -54,8 +54,9 @@ two cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks
 build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped goes on where it
 was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
 records, and this page is written from all that is published; `python -m benchmarks chart --page [--since FILE]` writes
-it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not. A part that fails is named at the end of the page, with its reason, and measured
-again the next time. With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
+it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not. A
+part that fails is named at the end of the page, with its reason, and measured again the next time. With `--since` the
+page lists what is lower than on an earlier page, or in its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -347,10 +348,10 @@ def _page(
     text.append("## What a 60 Hz SLM shows\n")
     text.append(
         f"One frame, phases: best PSNR in dB within {max(SHOWN_BUDGETS)} s, mean / worst. Most SLMs show 60 to 180 "
-        "pictures a second: one to three frames in one color, one frame in three. Methods that find a complex field are compared by "
-        "the phases that `sgd` finds for it, in the seconds of both. With fewer than six frames other people's "
-        "methods begin with phases that are nearly constant, for random ones show more speckle than picture; stereogram, "
-        "light-field and the paper's estimator stay random.\n"
+        "pictures a second: one to three frames in one color, one frame in three. Methods that find a complex field "
+        "are compared by the phases that `sgd` finds for it, in the seconds of both. With fewer than six "
+        "frames other people's methods begin with phases that are nearly constant, for random ones show more speckle than picture; "
+        "stereogram, light-field and the paper's estimator stay random.\n"
     )
     text += [*attempt(faults, "one frame", lambda: _one_frame_table(shown), instead=[]), ""]
     text += ["## Frames\n", picture("chart-frames.png", "PSNR of phases over frames")]

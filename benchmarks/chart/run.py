@@ -233,9 +233,13 @@ def _written_anew(options):
     chart = full()
     others = options.names, options.methods, options.anew, options.docs, options.out, options.pixels != PIXELS
     if any(others):
-        raise engine.InvalidInput("The page is of all that is published: leave out all but --page and --since.")
+        raise engine.InvalidInput(
+            "The page is of all that is published: leave out all but --page and --since."
+        )
     if not archive.load((*chart.scenes, archive.TRIANGLES), archive.FOLDER):
-        raise engine.InvalidInput(f"Nothing is published in {archive.FOLDER} yet: measure a scene with --docs.")
+        raise engine.InvalidInput(
+            f"Nothing is published in {archive.FOLDER} yet: measure a scene with --docs."
+        )
     made = report.Made.now("python -m benchmarks chart --page", 0.0, measure.ROOT)
     tables, faults = report.write(chart, [], made, True, options.since)
     if faults:

@@ -142,7 +142,8 @@ def add_scene(parser, store):
         "--display",
         type=argument(displays.display),
         metavar="PRESET",
-        help=f"resolution, pitch, bits, frames and depth range of a device, see docs/slm.md: {', '.join(engine.DISPLAYS)}",
+        help="resolution, pitch, bits, frames and depth range of a device, see docs/slm.md: "
+        + ", ".join(engine.DISPLAYS),
     )
     add(
         "--resolution",

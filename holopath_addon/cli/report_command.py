@@ -230,7 +230,7 @@ def _phases(sections, phase, refocus, focus, whole, eye_images, progress):
         note = ""
         if phase.method == "refine":
             note = (
-                " The phases approximate the mean of extra frames, so most of the difference is speckle of the field."
+                " The phases approximate the mean of extra frames, so most of this is speckle of the field."
             )
         text += (
             f"<p>PSNR of images of the phases relative to those of the complex field:{note} "

@@ -85,7 +85,10 @@ def test_refusals_leave_nothing(words, says, scenes, tmp_path, monkeypatch, caps
 
 @pytest.mark.parametrize(
     ("integrator", "depth"),
-    [("", UNLIMITED_DEPTH), ('<integrator type="path"><integer name="max_depth" value="3"/></integrator>', 3)],
+    [
+        ("", UNLIMITED_DEPTH),
+        ('<integrator type="path"><integer name="max_depth" value="3"/></integrator>', 3),
+    ],
 )
 def test_light_beside_an_imported_hologram_is_the_scenes(integrator, depth, scenes, backend, tmp_path):
     """Its report has no settings."""

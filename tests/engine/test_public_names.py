@@ -23,5 +23,15 @@ def test_examples(backend, example):
 
 def test_what_users_call_first_has_examples():
     names = {example.name for example in EXAMPLES}
-    assert names >= {"Camera", "Hologram", "Preview", "Refocuser", "Settings", "WaveField", "plan", "render", "encode"}
+    assert names >= {
+        "Camera",
+        "Hologram",
+        "Preview",
+        "Refocuser",
+        "Settings",
+        "WaveField",
+        "plan",
+        "render",
+        "encode",
+    }
     assert names >= {"psnr", "reconstruct", "to_rgb"}

@@ -10,6 +10,7 @@ from ..encoding.axis import on_axis
 from ..encoding.encoder import EXTRA_FRAMES_END, FIRST_STAGE_END, NO_FRAMES_END
 from ..encoding.encoder import MIN_STEPS as WORTH
 from ..encoding.options import eyebox_for
+from ..encoding.views import step_transforms, transforms
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
@@ -30,6 +31,10 @@ MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
 # Steps from which `refine` beats `joint`, with co-traced frames and without (docs/measurements.md, Seconds of encoding)
 MIN_STEPS = 12, 20
+# Frames below which a descent of few steps begins with nearly constant phases, as that of few frames does, and goes
+# towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
+# (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
+HURRIED_FRAMES, HURRIED_STEPS, MIN_HURRIED_STEPS = 16, 30, 8
 # Gains of `DEFAULT_EFFORT` over `joint`, and of `FULL_EFFORT` over that; the same measurement
 GAINS = "up to 4 dB", "up to 2 dB"
 
@@ -130,6 +135,9 @@ def plan_encoding(
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}'. Choose one of {', '.join(ENCODINGS)}.")
     frames = plan.settings.frames
+    choice = _hurried(plan, method, seconds, co_traced) if not eyebox else None
+    if choice is not None:
+        return replace(choice, memory_bytes=plan.phases_memory.get("refine", 0.0))
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
     choice = _choose(plan, method, seconds, co_traced)
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
@@ -211,6 +219,27 @@ def _fit(frames, hologram):
     return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
+def _hurried(plan, method, seconds, co_traced):
+    """`EncodingPlan` without memory for a descent of few steps; None where there are enough, or too few."""
+    settings, requested = plan.settings, plan.requested
+    if seconds is None or method not in ("auto", "refine") or settings.method in BASELINES:
+        return None
+    if requested.randomness is not None or requested.phase_field != "auto":
+        return None
+    if not DESIGNED_STARTS <= settings.frames < HURRIED_FRAMES:
+        return None
+    costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
+    frames = costs.first_frames
+    if costs.limit_seconds(frames, HURRIED_STEPS) <= seconds:
+        return None
+    if costs.of_whole_pupil.limit_seconds(frames, MIN_HURRIED_STEPS) > seconds:
+        return None
+    better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
+    reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
+    randomness = randomness_for(DESIGNED_STARTS - 1)
+    return EncodingPlan("refine", frames, 0, seconds, reason, better, randomness=randomness, eyebox=0.0)
+
+
 def _choose(plan, method, seconds, co_traced):
     """`EncodingPlan` without memory, randomness and eyebox."""
     settings = plan.settings
@@ -257,7 +286,9 @@ def _choose_unlimited(plan, method, costs):
     if not full and costs.frames < DESIGNED_STARTS:
         steps = FEW_FRAMES_STEPS
     extra_frames = max(extra_frames, costs.co_traced)
-    reason = "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"
+    reason = (
+        "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"
+    )
     enough = full or _randomness(plan) is not None
     better = None if enough else _rounded_up(costs.effort_limit_seconds(*FULL_EFFORT))
     seconds = costs.refine_seconds(extra_frames, steps)
@@ -307,24 +338,32 @@ class _EncodingCosts:
     @property
     def joint_limit_seconds(self) -> float:
         """Minimum time limit at which `joint` pays off."""
-        return self._limit_seconds(0, WORTH)
+        return self.limit_seconds(0, WORTH)
 
     @property
     def refine_limit_seconds(self) -> float:
         """Minimum time limit at which `refine` pays off."""
-        return self._limit_seconds(self.first_frames, self._min_steps)
+        return self.limit_seconds(self.first_frames, self._min_steps)
 
     def effort_limit_seconds(self, frames: int, steps: int) -> float:
         """Time limit for about so many extra frames, in whole sets, and steps."""
         sets = min(frames // SETS[-1], EXTRA_SETS[0])
-        return self._limit_seconds(self.first_frames + sets * SETS[-1], steps)
+        return self.limit_seconds(self.first_frames + sets * SETS[-1], steps)
 
     def frames_within(self, seconds: float) -> int:
         """Maximum extra frames that pay off within a time limit; 0 for none."""
         for count in (self.first_frames + sets * SETS[-1] for sets in EXTRA_SETS):
-            if self._limit_seconds(count, self._min_steps) <= seconds:
+            if self.limit_seconds(count, self._min_steps) <= seconds:
                 return count
         return 0
+
+    @property
+    def of_whole_pupil(self) -> _EncodingCosts:
+        """Costs without parts of the pupil, and without frames by themselves."""
+        looks = transforms(self.frames, 0.0) / transforms(self.frames, 1.0)
+        steps = step_transforms(0.0) / step_transforms(1.0)
+        changed = {"sgd": 0.0, "look": looks * self.seconds["look"], "step": steps * self.seconds["step"]}
+        return replace(self, seconds=self.seconds | changed)
 
     def extra_frames_seconds(self, count: int) -> float:
         """Seconds of `count` extra frames; those that were not co-traced need paths and rays of their own."""
@@ -349,7 +388,7 @@ class _EncodingCosts:
         looks = 3 * self.frames * self.seconds["look"]
         return looks + (self.extra_frames_seconds(frames) if frames else 0.0) + steps * self.seconds["step"]
 
-    def _limit_seconds(self, frames, steps):
+    def limit_seconds(self, frames: int, steps: int) -> float:
         """Minimum time limit for extra frames and steps, in which the frames are there before their deadline."""
         limit = self._limit_for(1, self._joint_seconds(frames, steps))
         if frames > self.co_traced:

@@ -131,7 +131,14 @@ class Measurement:
         count = unit_count(self._grid, sampling.rays)
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
             grains = grains_of(
-                self._scene, self._rays, self._optics, self._grid, some, sampling.rays, self._seed, sampling.first
+                self._scene,
+                self._rays,
+                self._optics,
+                self._grid,
+                some,
+                sampling.rays,
+                self._seed,
+                sampling.first,
             )
             add[sampling.kind](grains, totals)
             dr.eval(totals)

@@ -186,7 +186,13 @@ class Recording:
         if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]
             rays = Rays(
-                self.hologram, self.camera, self.mapping, plane.z, region.depth_limit, plane.slab, plane.images
+                self.hologram,
+                self.camera,
+                self.mapping,
+                plane.z,
+                region.depth_limit,
+                plane.slab,
+                plane.images,
             )
             optics = self._optics(plane, region)
             estimator = self._estimator(region.depth_limit, plane.rays, straight)

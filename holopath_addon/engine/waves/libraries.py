@@ -27,7 +27,9 @@ ON_CARDS = {"cupy": "CuPy", "torch": "PyTorch"}
 VARIABLE = "HOLOPATH_ARRAYS"
 EXTENSION = "HoloPath for NVIDIA Cards"  # brings one to Blender
 INSTALL = (
-    f"add the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'cupy-cuda12x[ctk]'`"
+    f"add the extension {EXTENSION}"
+    if __name__.startswith("bl_ext.")
+    else "`pip install 'cupy-cuda12x[ctk]'`"
 )
 RAN_OUT = (
     "The graphics card ran out of memory, and the processor continued: choose fewer pixels, frames or wavelengths, or "

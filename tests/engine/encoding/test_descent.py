@@ -423,7 +423,9 @@ def test_what_is_kept_when_mitsuba_wraps_the_wish_to_stop():
         engine.encode(wave_field(band_limited((32, 32))), "refine", extra_frames=stopped, max_steps=3)
     assert stop.value.kept.report["stages"][0]["steps"] == 3
     with pytest.raises(ZeroDivisionError):
-        engine.encode(wave_field(band_limited((32, 32))), "refine", extra_frames=lambda progress: 1 / 0, max_steps=3)
+        engine.encode(
+            wave_field(band_limited((32, 32))), "refine", extra_frames=lambda progress: 1 / 0, max_steps=3
+        )
 
 
 def test_a_field_with_nothing_that_can_be_seen():
@@ -667,7 +669,9 @@ def test_refinement_takes_the_seconds_that_it_is_given(clock, monkeypatch, bits)
     # which knows that views take longer than a step: not by this clock
     monkeypatch.setattr(encoder._Joint, "_is_worthwhile", lambda *_: True)
     begun = clock.perf_counter()
-    phase = engine.encode(field, "refine", extra_frames=many(more, 8), seconds=seconds, bits=bits, max_steps=10**9)
+    phase = engine.encode(
+        field, "refine", extra_frames=many(more, 8), seconds=seconds, bits=bits, max_steps=10**9
+    )
     assert 0.8 * seconds < clock.perf_counter() - begun < 1.2 * seconds
     refined = [stage for stage in phase.report["stages"] if stage["stage"] == "refine"]
     assert len(refined) == 2 and min(stage["steps"] for stage in refined) > 1

@@ -34,7 +34,7 @@ def planned(costs=COSTS, traversals=3, **settings):
 
 def test_more_seconds_go_towards_more_frames():
     """Estimates fit into the limit, and steps have most of it; with one traversal the clock ends the frames."""
-    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 8, 50)] == [0, 176, 176]
+    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 9, 50)] == [0, 176, 176]
     found = {seconds: chosen(seconds=seconds) for seconds in (1, 4, 8, 20, 50, 1000)}
     assert [each.method for each in found.values()] == ["sgd", "joint", *["refine"] * 4]
     frames = [each.frames for each in found.values()]
@@ -49,14 +49,16 @@ def test_co_traced_frames_need_no_paths():
     """Fewer seconds suffice, and more frames come only where there is time for paths."""
     found = {seconds: chosen(seconds=seconds, co_traced=24, traversals=1) for seconds in (2, 3, 5, 20)}
     assert [(each.method, each.frames) for each in found.values()] == [
-        ("joint", 0),
+        ("refine", 24),
         ("refine", 24),
         ("refine", 24),
         ("refine", 192),
     ]
     assert chosen(co_traced=24).frames == 96
     assert chosen().seconds - chosen(co_traced=24).seconds == pytest.approx(COSTS["rays"])
-    assert chosen(co_traced=24, seconds=9, traversals=3).frames == 24  # 48 would be there after four tenths of it
+    assert (
+        chosen(co_traced=24, seconds=9, traversals=3).frames == 24
+    )  # 48 would be there after four tenths of it
     assert chosen(co_traced=120).frames == 120
     # of few frames all come along: rays by the set, and no paths again
     all_of_them = COSTS["light"] + COSTS["rays"]
@@ -68,7 +70,8 @@ def test_co_traced_frames_need_no_paths():
     [
         ("auto", None, {}, 256, 24),
         ("refine", 1, {}, 256, 24),
-        ("auto", 1, {}, 256, 0),  # is sgd
+        ("auto", 1, {}, 256, 24),  # for the whole pupil alone
+        ("auto", 0.5, {}, 256, 0),  # is sgd
         ("joint", None, {}, 256, 0),
         ("none", None, {}, 256, 0),
         ("auto", None, {"despeckle": 20}, 256, 0),
@@ -143,6 +146,23 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert chosen(frames=2, phase_field="designed").randomness is None
 
 
+def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():
+    """They begin as few frames do where a designed field's phases would have too few steps."""
+    found = {seconds: chosen(seconds=seconds, co_traced=24) for seconds in (0.5, 1, 3, 3.9, 5)}
+    assert [each.randomness for each in found.values()] == [None, 0.1, 0.1, 0.1, None]
+    assert [each.eyebox for each in found.values()] == [1, 0, 0, 0, 1]
+    hurried = found[3]
+    assert (hurried.method, hurried.frames, hurried.seconds) == ("refine", 24, 3)
+    assert "the pupil as a whole" in hurried.reason and hurried.better > 5
+    assert chosen("refine", seconds=3, co_traced=24) == hurried
+    for other in ({"frames": 16}, {"frames": 24}, {"phase_field": "designed"}, {"phase_field": "random"}):
+        assert chosen(seconds=3, co_traced=24, **other).randomness is None, other
+    assert chosen("joint", seconds=3, co_traced=24).randomness is None
+    plan = planned()
+    assert engine.plan_encoding(plan, "auto", 3, 24, 0.0).randomness == 0.1
+    assert engine.plan_encoding(plan, "auto", 3, 24, 1.0).randomness is None  # as asked
+
+
 def test_methods_without_more_frames():
     baseline = planned({}, method="rgbd")
     for seconds in (None, 100):
@@ -158,7 +178,11 @@ def test_short_memory_is_reported(monkeypatch):
     from holopath_addon.engine import memory
 
     found = chosen("refine")
-    assert found.memory_bytes == MEMORY["refine"] and not found.memory_warnings() and not chosen("dpac").memory_bytes
+    assert (
+        found.memory_bytes == MEMORY["refine"]
+        and not found.memory_warnings()
+        and not chosen("dpac").memory_bytes
+    )
     monkeypatch.setattr(memory, "available", lambda: 100e6)
     assert "This encoding needs about" in found.memory_warnings()[0] and not chosen("joint").memory_warnings()
     monkeypatch.setattr(memory, "installed", lambda: 100e6)

@@ -22,7 +22,9 @@ def test_their_mean_is_that_of_the_field(build, camera, monkeypatch, max_bytes, 
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
     states, batches = [], []
-    more = engine.extra_frames(*view[:3], plan, lambda *state: states.append(state), count=96, clocked=clocked)
+    more = engine.extra_frames(
+        *view[:3], plan, lambda *state: states.append(state), count=96, clocked=clocked
+    )
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
@@ -61,7 +63,8 @@ def test_a_render_co_traces_the_first_of_them(build, camera, small, field):
     many, *rest = (fields for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=count))
     np.testing.assert_array_equal(both.extra_frames, many)
     after = [
-        fields for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=count, begin=first)
+        fields
+        for _, fields in engine.extra_frames(*view[:3], plan, lambda *_: None, count=count, begin=first)
     ]
     np.testing.assert_equal(after, rest)
     assert len(rest) == (field == "designed")

@@ -184,8 +184,9 @@ def aimed_waves(
 
     Light of smooth phases meets the pupil in one point, and other parts of it are dark. The waves of few frames meet a
     ring around its center: out of focus, images then have several points of a blur, and every part of the pupil has
-    light of some frame. The ring shrinks to a point from `MIN_AIMED_FRAMES` to `DESIGNED_STARTS` frames. Waves of one
-    and of two frames meet the center.
+    light of some frame. The ring shrinks from `MIN_AIMED_FRAMES` frames on,
+    to a point at `DESIGNED_STARTS`. From these on only short descents begin so, and it is as wide as at first. Waves of
+    one and of two frames meet the center.
 
     Parameters
     ----------
@@ -204,7 +205,9 @@ def aimed_waves(
     """
     rows, columns = (np.arange(n) for n in shape)
     radius = 0.0
-    if frames >= MIN_AIMED_FRAMES:
+    if frames >= DESIGNED_STARTS:
+        radius = RING
+    elif frames >= MIN_AIMED_FRAMES:
         radius = float(np.interp(frames, (MIN_AIMED_FRAMES, DESIGNED_STARTS), (RING, 0)))
     waves = np.empty((frames, *shape), np.complex64)
     for frame in range(frames):
