@@ -350,8 +350,8 @@ def _page(
         f"One frame, phases: best PSNR in dB within {max(SHOWN_BUDGETS)} s, mean / worst. Most SLMs show 60 to 180 "
         "pictures a second: one to three frames in one color, one frame in three. Methods that find a complex field "
         "are compared by the phases that `sgd` finds for it, in the seconds of both. With fewer than six "
-        "frames other people's methods begin with phases that are nearly constant, for random ones show more speckle than picture; "
-        "stereogram, light-field and the paper's estimator stay random.\n"
+        "frames other people's methods begin with phases that are nearly constant, for random ones show more speckle "
+        "than picture; stereogram, light-field and the paper's estimator stay random.\n"
     )
     text += [*attempt(faults, "one frame", lambda: _one_frame_table(shown), instead=[]), ""]
     text += ["## Frames\n", picture("chart-frames.png", "PSNR of phases over frames")]

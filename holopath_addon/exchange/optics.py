@@ -160,8 +160,8 @@ def parse_lens(text: str) -> Lens | None:
 def stop_files(text: str | None) -> dict[str, Path]:
     """The file in the text of a stop, by its role."""
     kind, _, numbers = (text or "").partition(":")
-    is_shape = kind in ("", "circle", "half", "rectangle") or re.fullmatch(r"[-+.,\d]+", numbers)
-    return {} if is_shape or not Path(text).suffix else {"stop": Path(text)}
+    is_shape = kind in ("circle", "half", "rectangle") or re.fullmatch(r"[-+.,\d]+", numbers)
+    return {} if not text or is_shape or not Path(text).suffix else {"stop": Path(text)}
 
 
 def _numbers(text, numbers, name="beam", words=BEAM_WORDS):
