@@ -335,7 +335,7 @@ def test_refuses_a_pupil_before_it_renders(xml, tmp_path, capfd, monkeypatch):
         (["--display", "santec-slm-210"], None),
         (["--bits", "2"], 2),
     ],
-    ids=" ".join,
+    ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
 )
 def test_levels_of_a_display(words, bits):
     """A panel of few levels has phases for these."""
