@@ -250,7 +250,7 @@ def _table(criteria, rows, path):
 
 
 def _close_ups(chart, records, scene, path):
-    """Rows of looks, columns of methods at their most work, the reference first."""
+    """Rows of looks, columns of methods at their best, the reference first."""
     truth = measure.truth_path(chart.task(scene, "reference", []))
     border = looks.border_of(chart.hologram)
     columns = {}
@@ -258,10 +258,10 @@ def _close_ups(chart, records, scene, path):
         with np.load(truth) as file:
             columns["reference"] = measure.displayed(file["pictures"].mean(1), dict(file), border)
     for name, own in _own(records, scene).items():
-        last = own[-1]
-        file = measure.record_path(chart.task(scene, name, []), last["effort"], M).with_suffix(".npz")
+        best = max(own, key=lambda record: record["psnr"])
+        file = measure.record_path(chart.task(scene, name, []), best["effort"], M).with_suffix(".npz")
         if file.exists():
-            columns[f"{name}\n{last['seconds']:.3g} s, {last['psnr']:.1f} dB"] = dict(np.load(file))
+            columns[f"{name}\n{best['seconds']:.3g} s, {best['psnr']:.1f} dB"] = dict(np.load(file))
     if not columns:
         return
     figure, axes = _subplots(len(measure.SHOWN), len(columns))
