@@ -415,8 +415,8 @@ def _page(
         text += ["## Triangles\n", picture("chart-triangles.png", "Seconds over triangles")]
         text += [*attempt(faults, "triangles", lambda: _triangles_table(triangles), instead=[]), ""]
     text.append(
-        "## Close-ups\n\nThe reference first, then each method at its effort of highest PSNR: in focus in front, at the back, and "
-        "the view to the right.\n"
+        "## Close-ups\n\nThe reference first, then each method at its effort of highest PSNR: in focus in front, at "
+        "the back, and the view to the right.\n"
     )
     text += [picture(f"chart-closeups-{scene}.jpg", scene) for scene in _scenes(records)]
     text.append("## All figures\n")
