@@ -402,7 +402,7 @@ def desk(backend, tmp_path_factory):
     )
     fitted = re.search(r'(?s)```json\n("displays".*?)```', (DOCS / "display-model.md").read_text("utf-8"))[1]
     (folder / "my-fitted-slm.json").write_text(
-        f'{{"format": "HoloPath SLM calibration", "responses": [{response}], {fitted.replace("520", "516.5")}}}'
+        f'{{"format": "HoloPath SLM calibration", "responses": [{response.replace("516.5", "520")}], {fitted}}}'
     )
     models = tuple(engine.DisplayModel(nm * 1e-9) for nm in (640, 516.5, 455.4))
     camera = slm.Sensor((24, 24), homographies={1e-3: (1, 0, 0, 0, 1, 0, 0, 0)})
