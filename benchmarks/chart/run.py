@@ -204,7 +204,7 @@ def run(*arguments):
     if short and options.docs:
         raise engine.InvalidInput("The quick chart is not published: leave out --docs, or quick.")
     if options.page:
-        return _written_anew(options)
+        return _write_page(options)
     chart = (quick if short else full)(options.pixels)
     parts = options.names[short:] or (*chart.scenes, archive.TRIANGLES)
     scenes = [name for name in parts if name != archive.TRIANGLES]
@@ -228,8 +228,8 @@ def run(*arguments):
     return tables
 
 
-def _written_anew(options):
-    """The tables of what is published, whose page is written."""
+def _write_page(options):
+    """Write the page of what is published; return its tables."""
     chart = full()
     others = options.names, options.methods, options.anew, options.docs, options.out, options.pixels != PIXELS
     if any(others):

@@ -34,7 +34,7 @@ MIN_STEPS = 12, 20
 # Frames below which a descent of few steps begins with nearly constant phases, as that of few frames does, and goes
 # towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
 # (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
-HURRIED_FRAMES, HURRIED_STEPS, MIN_HURRIED_STEPS = 16, 30, 8
+SHORT_DESCENT_FRAMES, SHORT_DESCENT_STEPS, MIN_SHORT_DESCENT_STEPS = 16, 45, 8
 # Gains of `DEFAULT_EFFORT` over `joint`, and of `FULL_EFFORT` over that; the same measurement
 GAINS = "up to 4 dB", "up to 2 dB"
 
@@ -135,7 +135,7 @@ def plan_encoding(
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}'. Choose one of {', '.join(ENCODINGS)}.")
     frames = plan.settings.frames
-    choice = _hurried(plan, method, seconds, co_traced) if not eyebox else None
+    choice = _short_descent(plan, method, seconds, co_traced) if not eyebox else None
     if choice is not None:
         return replace(choice, memory_bytes=plan.phases_memory.get("refine", 0.0))
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
@@ -219,20 +219,20 @@ def _fit(frames, hologram):
     return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
-def _hurried(plan, method, seconds, co_traced):
+def _short_descent(plan, method, seconds, co_traced):
     """`EncodingPlan` without memory for a descent of few steps; None where there are enough, or too few."""
     settings, requested = plan.settings, plan.requested
     if seconds is None or method not in ("auto", "refine") or settings.method in BASELINES:
         return None
     if requested.randomness is not None or requested.phase_field != "auto":
         return None
-    if not DESIGNED_STARTS <= settings.frames < HURRIED_FRAMES:
+    if not DESIGNED_STARTS <= settings.frames < SHORT_DESCENT_FRAMES:
         return None
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
     frames = costs.first_frames
-    if costs.limit_seconds(frames, HURRIED_STEPS) <= seconds:
+    if costs.limit_seconds(frames, SHORT_DESCENT_STEPS) <= seconds:
         return None
-    if costs.of_whole_pupil.limit_seconds(frames, MIN_HURRIED_STEPS) > seconds:
+    if costs.of_whole_pupil.limit_seconds(frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"

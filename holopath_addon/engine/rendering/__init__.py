@@ -123,9 +123,8 @@ def render(
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
     baked = None if context.baked is None else asdict(context.baked)
     report = report_of(plan, clock.seconds, dict(rays), passes, context.error(errors), baked)
-    own = (
-        field[: settings.frames].copy() if extra_frames else field
-    )  # a view would keep the extra frames in memory
+    # a view would keep the extra frames in memory
+    own = field[: settings.frames].copy() if extra_frames else field
     rendered = WaveField(own, hologram, camera, plan.near, plan.to_dict(), report)
     return replace(rendered, extra_frames=field[settings.frames :]) if extra_frames else rendered
 

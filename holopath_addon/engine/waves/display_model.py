@@ -218,8 +218,8 @@ class DisplayLight:
             for eta, row in zip(NODES, rows, strict=True):
                 for xi, column in zip(NODES, columns, strict=True):
                     relay = _relay(self.padded, pitch, model.wavelength, model, (0.0, 0.0), (xi, eta))
-                    weighted = relay, row[:, None], column[None, :]
-                    self._places.append([arrays.like(each, on) for each in weighted])
+                    parts = relay, row[:, None], column[None, :]
+                    self._places.append([arrays.like(each, on) for each in parts])
 
     def spectra(self, phases: Array) -> dict[float, Array]:
         """Compute the spectrum of the light that leaves the pixels, at each wavelength of the source.
