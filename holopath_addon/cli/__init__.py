@@ -14,6 +14,7 @@ from ..engine.progress import stage
 from ..engine.viewing.reconstruction import far_from, picture_pitch
 from ..farm.processes import INTERRUPTS
 from ..workflow import failures, output, pipeline
+from ..workflow.pipes import ignore_broken_pipes
 from . import (
     cluster_command,
     encode_command,
@@ -48,7 +49,7 @@ def main(argv=None, store=None):
         argv = sys.argv[1:]
         if "--" in argv:
             argv = argv[argv.index("--") + 1 :]
-    args = None
+    args, restore = None, ignore_broken_pipes()
     try:
         args = parse(argv, store)
         with _interruptible(), heartbeat():
@@ -62,6 +63,8 @@ def main(argv=None, store=None):
         close_line()
         print(f"holopath: {failures.sentence(error)}", file=sys.stderr)
         return failures.status(error)
+    finally:
+        restore()
 
 
 def parse(words, store=None):

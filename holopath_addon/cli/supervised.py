@@ -9,7 +9,6 @@ import _thread
 import json
 import os
 import shutil
-import signal
 import sys
 import threading
 import time
@@ -73,8 +72,6 @@ def supervised(scene):
     """
     if os.name == "posix":
         os.nice(NICENESS)
-        # By default a message to a window that is gone would kill Blender at once, within a file.
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     lock, over = threading.Lock(), threading.Event()
     threading.Thread(target=_listen, args=(lock, over), name="holopath supervised", daemon=True).start()
     try:

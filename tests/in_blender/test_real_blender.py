@@ -48,6 +48,24 @@ def test_command_line(blender):
     assert blender.environment["BLENDER_USER_RESOURCES"] in output, output
 
 
+PIPE = """
+import subprocess
+process = subprocess.Popen(["true"], stdin=subprocess.PIPE, bufsize=0)
+process.wait()
+try:
+    process.stdin.write(b"a picture")
+except BrokenPipeError:
+    print("raised")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPIPE")
+def test_a_program_that_ends_does_not_end_blender(blender):
+    """A write to a closed display window, a stopped ffmpeg or a dead worker raises an exception."""
+    status, output = blender("--background", "--python-exit-code", "3", "--python-expr", PIPE)
+    assert status == 0 and "raised" in output, (status, output)
+
+
 def test_the_census_is_that_of_this_blender(blender):
     script = Path(__file__).with_name("census.py")
     _, output = blender("--background", "--factory-startup", "--python", script)

@@ -42,7 +42,7 @@ def test_streaming(blender, x_server, tmp_path, monkeypatch):  # noqa: F811
         output, _ = process.communicate(timeout=NEVER)
     finally:
         blender.end(process)
-    assert target.exists(), output
+    assert target.exists(), f"Blender ended with {process.returncode}: {output}"
     result = json.loads(target.read_text(encoding="utf-8"))
     print(json.dumps(result, indent=1))
     assert result["steps"] == ["shown", "reconnected", "stopped", "another file", "disabled"], result["error"]
