@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..progress import PartProgress
     from ..wavefield import WaveField
     from ..waves.arrays import Array
-    from ..waves.supervision import Frames
+    from ..waves.supervision import FramePool
     from .options import EncodingOptions
 
 MARGIN = 12  # pixels of guard band around a display's panel, into which its relay scatters light
@@ -49,7 +49,7 @@ class Channel:
     phases : array, float32, shape (frame, y, x)
         Memory for the phases, radians.
     options : EncodingOptions
-    pool : Frames
+    pool : FramePool
         Threads for the frames.
     on_wait : callable
         Called several times a second during longer work; may raise `Cancelled`.
@@ -73,7 +73,7 @@ class Channel:
         color: int,
         phases: Array,
         options: EncodingOptions,
-        pool: Frames,
+        pool: FramePool,
         on_wait: Callable[[], object],
     ) -> None:
         self.phases, self.gain = phases, 0.0

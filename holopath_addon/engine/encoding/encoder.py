@@ -14,7 +14,7 @@ from ..memory import on_card
 from ..progress import SHARES, named
 from ..progress import stage as part_of
 from ..waves import arrays
-from ..waves.supervision import Frames
+from ..waves.supervision import FramePool
 from . import descent
 from .axis import on_axis
 from .channel import Channel
@@ -145,7 +145,7 @@ def encode(
         method, bits, levels, display, supervision, compared_planes, aperture, start, randomness, eyebox, extra_frames,
         seconds, tolerance, max_steps, seed,
     ).resolve(field)  # fmt: skip
-    with Frames() as pool:
+    with FramePool() as pool:
         encoder = METHODS[options.method](field, options, progress or (lambda done, message: None), pool)
         return encoder.run()
 
