@@ -102,7 +102,8 @@ class ModalOperator(_Operator):
             job.cancel()
             self._show_progress(context, job)
             return {"RUNNING_MODAL"}
-        # A file that is opened stops the work and the timer, and stays closed if it is broken: then any event ends it.
+        # Opening a file cancels the job and removes the timer. If that file is broken, the old one stays open with this
+        # operator: then any event ends it.
         if (event.type == "TIMER" or job.canceling) and not job.running:
             if session.current.job is job:
                 session.restore_window()
@@ -286,7 +287,7 @@ def dragging():
     )
 
 
-def export(job, progress, scene):
+def read_task(job, progress, scene):
     """Start Mitsuba in the job's thread, then have the main thread read a scene.
 
     Parameters
@@ -321,7 +322,7 @@ def export(job, progress, scene):
     variants.activate(job.query(preferences.chosen_backend))
     progress(0.0, "Reading the scene")
     task = job.query(read)
-    variants.take_over()
+    variants.take_over()  # variables of Dr.Jit that the main thread made
     return task
 
 

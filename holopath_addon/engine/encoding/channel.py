@@ -211,7 +211,7 @@ class Channel:
         options, optics = self._options, self._field.hologram.optics
         pitch = self._grid.pitch_at(self.wavelength)
         if options.supervision == "complex":
-            return ComplexTarget(fields, options.aperture, self._pool, optics, pitch)
+            return ComplexTarget(fields, options.has_stop, self._pool, optics, pitch)
         low, high = self._volume
         count = options.compared_planes
         distances = np.linspace(low, high, count) if count > 1 else [(low + high) / 2]

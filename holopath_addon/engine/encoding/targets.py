@@ -28,14 +28,14 @@ class ComplexTarget:
     Any plane has the same loss, as propagation preserves scalar products.
 
     L = sum over frames and frequencies of |c U - T|^2 / sum |T|^2, with U and T the spectra of the light and of the
-    target in the band that is compared (see `aperture`; paper section 4.3). c_n = g exp(i phi_n) has one gain for all
+    target in the band that is compared (see `has_stop`; paper section 4.3). c_n = g exp(i phi_n) has one gain for all
     frames and a phase for each, by least squares, so that neither brightness nor a frame's phase is penalized.
 
     Parameters
     ----------
     fields : array, complex, shape (frame, y, x)
         Fields on the plane where light is compared: at the SLM, or behind a lens in its image.
-    aperture : bool
+    has_stop : bool
         Whether a stop in the Fourier plane blocks the light outside of the circle that a pixel grid records, so that it
         is not compared. Otherwise all frequencies are.
     pool : FramePool
@@ -55,13 +55,13 @@ class ComplexTarget:
     def __init__(
         self,
         fields: Array,
-        aperture: bool,
+        has_stop: bool,
         pool: FramePool,
         optics: Optics = ON_AXIS,
         pitch: Pitch = 1.0,
     ) -> None:
         shape = fields.shape[-2:]
-        self._band = optics.passes(shape, pitch) if aperture else np.ones(shape, bool)
+        self._band = optics.passes(shape, pitch) if has_stop else np.ones(shape, bool)
         self._band, self._pool = arrays.like(self._band, fields, fields.dtype), pool
         self._spectra = pool.each(lambda frame: arrays.fft2(fields[frame, ...]) * self._band, fields.shape[0])
         self._energies = np.array(pool.each(lambda frame: _square(self._spectra[frame]), fields.shape[0]))

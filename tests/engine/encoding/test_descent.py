@@ -70,7 +70,7 @@ def targets_of(kind, fields, pool):
     """``gradient(light)`` of a loss, and the light as it depends on phases."""
     if kind == "amplitude":
         return AmplitudeTarget(fields, PITCH, GREEN, [1e-3, 2e-3, 3e-3], pool)
-    return ComplexTarget(fields, kind == "aperture", pool)
+    return ComplexTarget(fields, kind == "stop", pool)
 
 
 @pytest.mark.parametrize("kind", ["flat", "random"])
@@ -130,9 +130,7 @@ def test_amplitude_supervision_tells_what_is_true():
     assert true > 38 and last == pytest.approx(true, abs=1.5)  # 44.6 for 33 on a grid without a guard band
 
 
-@pytest.mark.parametrize(
-    "kind", ["aperture", "no aperture", "amplitude", "frame mean", "views", "views elsewhere"]
-)
+@pytest.mark.parametrize("kind", ["stop", "no stop", "amplitude", "frame mean", "views", "views elsewhere"])
 def test_gradient_against_finite_differences(library, kind, pool):
     """Along random directions, in double precision, on sides that are odd and unequal."""
     rng = np.random.default_rng(3)
@@ -406,7 +404,7 @@ def test_what_does_not_fit():
         ({"max_steps": 0}, "one step"),
         ({"method": "refine"}, "needs extra frames of the scene"),
         ({"start": 3}, "the start 'arg', 'dpac' or a PhaseHologram, got int"),
-        ({"method": "joint", "aperture": False}, "only sgd"),
+        ({"method": "joint", "has_stop": False}, "only sgd"),
     ):
         with pytest.raises(engine.InvalidInput, match=says):
             engine.encode(field, **options)
