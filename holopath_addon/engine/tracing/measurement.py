@@ -166,9 +166,7 @@ class Measurement:
 
     def _add_light(self, grains, totals):
         scene, point = self._scene, grains.point
-        light = self._tracer.radiance(
-            scene, grains.sampler, point.ray, point.surface, point.whole, parts=point.parts
-        )
+        light = self._tracer.radiance(scene, grains.sampler, point)
         light *= self._scale / point.color
         row, inside = row_of(grains, self._grid, self._index, self._occupied)
         inside &= dr.all(dr.isfinite(light))

@@ -81,11 +81,11 @@ def averages(light, each):
 def cached(build, scene, camera, cache, depth=8, each=32):
     """Radiance by the cache."""
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     ray, sampler = rays(build, camera, each)
-    surface = scene.ray_intersect_preliminary(ray)
-    tracer = PathTracer(depth, cache=cache)
-    return averages(tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(True)), each)
+    point = FirstHits(coherent=False).view(scene, ray, build.mi.UInt32(0))
+    return averages(PathTracer(depth, cache=cache).radiance(scene, sampler, point), each)
 
 
 def truth(build, scene, camera, depth=8, each=256):
@@ -231,6 +231,7 @@ def test_split_adds_up_on_every_surface(build, camera, depth):
 def test_branches_of_a_clear_coat_add_up(build, camera):
     """Without its δ lobe a coat shows what it scatters, also by the cache."""
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     coat = {"bsdf": {"type": "plastic", "diffuse_reflectance": rgb(0.5, 0.3, 0.2)}}
     scene = stage(build, coat, sky={"type": "constant", "radiance": build.gray(1.0)})
@@ -239,9 +240,9 @@ def test_branches_of_a_clear_coat_add_up(build, camera):
     for known in (cache, None):
         for whole in (True, False):
             ray, sampler = rays(build, camera, 32)
-            surface = scene.ray_intersect_preliminary(ray)
-            tracer = PathTracer(8, cache=known)
-            colors = tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(whole))
+            point = FirstHits(coherent=False).view(scene, ray, build.mi.UInt32(0))
+            point.whole = build.mi.Bool(whole)
+            colors = PathTracer(8, cache=known).radiance(scene, sampler, point)
             light[known is cache, whole] = averages(colors, 32)[: SIZE // 2].mean()
     assert light[True, True] == pytest.approx(light[False, True], rel=0.02)
     assert light[True, False] == pytest.approx(light[False, False], rel=0.02)
