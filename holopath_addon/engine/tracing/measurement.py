@@ -6,7 +6,7 @@ Integer sums and maxima make the results independent of the order of threads.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -16,7 +16,16 @@ from ..progress import paced
 from ..scene.variants import units_at_once
 from .filtering import Half, share_light
 from .grain_grid import RowIndex
-from .grains import CHUNK_PATHS, UNIT_PATHS, RadianceMap, grains_of, reflectance_of, row_of, unit_count
+from .grains import (
+    CHUNK_PATHS,
+    UNIT_PATHS,
+    RadianceMap,
+    SamplingPass,
+    grains_of,
+    reflectance_of,
+    row_of,
+    unit_count,
+)
 from .row_sums import ATOMIC, HALF, LIGHT, TEXTURE, RowSums, field_error
 from .tiles import Tiles
 
@@ -39,28 +48,6 @@ MAX_ROUNDS = 3  # rounds of paths
 TRACING_WEIGHT = 0.9  # fraction of a pass's time for its rays; its evaluation takes the rest
 
 Totals = dict[str, Any]  # sums and maxima by name
-
-
-@dataclass(frozen=True)
-class SamplingPass:
-    """Rays through all pixels, for one purpose.
-
-    Attributes
-    ----------
-    kind : {'cells', 'light', 'textures'}
-        Finds cells that hold a surface, the light that it sends, or only what it reflects.
-    rays : int
-        Rays of a pixel.
-    first : int
-        Index of the first of them.
-    weight : float
-        Approximate fraction of the remaining work.
-    """
-
-    kind: str
-    rays: int
-    first: int
-    weight: float
 
 
 class Measurement:
@@ -130,16 +117,7 @@ class Measurement:
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
         count = unit_count(self._grid, sampling.rays)
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
-            grains = grains_of(
-                self._scene,
-                self._rays,
-                self._optics,
-                self._grid,
-                some,
-                sampling.rays,
-                self._seed,
-                sampling.first,
-            )
+            grains = grains_of(self._scene, self._rays, self._optics, self._grid, some, sampling, self._seed)
             add[sampling.kind](grains, totals)
             dr.eval(totals)
             dr.sync_thread()
