@@ -183,11 +183,9 @@ def baked_picture(
     """
     variants.activate_for(scene)
     from ..light.baking import bake
-    from ..scene.specular_chains import optics_of
 
     settings = replace(settings, method="fast")
     plan = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
     camera, hologram = widened(*traced(camera, hologram), plan.beside)
-    optics = optics_of(scene, camera, plan)
-    cache, baked = bake(scene, camera, hologram, plan, optics, store=store, progress=progress, anew=anew)
+    cache, baked = bake(scene, camera, hologram, plan, store=store, progress=progress, anew=anew)
     return cache.picture(max_size), baked

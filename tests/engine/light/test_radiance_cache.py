@@ -26,14 +26,12 @@ def few_lanes(monkeypatch):
 def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     """The cache of a view, with texels of a known noise, of which a region has dozens, and what was done."""
     from holopath_addon.engine.light import baking
-    from holopath_addon.engine.scene.specular_chains import optics_of
 
     settings = engine.Settings(**{"method": "fast", "frames": FRAMES, **settings})
     plan = engine.plan(scene, camera, HOLOGRAM, settings, store)
     assert plan.cached == (settings.max_depth > 1)
     plan = replace(plan, texel_noise=noise, texel_samples=256)
-    optics = optics_of(scene, camera, plan)
-    return baking.bake(scene, camera, HOLOGRAM, plan, optics, store=store, progress=progress)
+    return baking.bake(scene, camera, HOLOGRAM, plan, store=store, progress=progress)
 
 
 @pytest.mark.slow
