@@ -67,7 +67,6 @@ class Measurement:
         `row_sums.field_error`.
     wavelengths : sequence of float
         Meters; a radiance each.
-    seed : int
     """
 
     def __init__(
@@ -78,12 +77,10 @@ class Measurement:
         tracer: PathTracer,
         grid: GrainGrid,
         plan: Plan,
-        *,
         wavelengths: Sequence[float],
-        seed: int,
     ) -> None:
         self._scene, self._rays, self._optics, self._tracer = scene, rays, optics, tracer
-        self._grid, self._plan, self._wavelengths, self._seed = grid, plan, wavelengths, seed
+        self._grid, self._plan, self._wavelengths = grid, plan, wavelengths
         # unit of radiance, so that squares are whole numbers of steps, too
         self._unit = plan.white if 0 < plan.white < math.inf else 1.0
         self._scale = dr.opaque(mi.Float, 1 / self._unit)
@@ -115,9 +112,9 @@ class Measurement:
         """Trace a pass; return its totals, those of light with the rounds before."""
         add = {"cells": self._add_cells, "light": self._add_light, "textures": self._add_textures}
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
-        count = unit_count(self._grid, sampling.rays)
+        count, seed = unit_count(self._grid, sampling.rays), self._plan.settings.seed
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
-            grains = grains_of(self._scene, self._rays, self._optics, self._grid, some, sampling, self._seed)
+            grains = grains_of(self._scene, self._rays, self._optics, self._grid, some, sampling, seed)
             add[sampling.kind](grains, totals)
             dr.eval(totals)
             dr.sync_thread()
