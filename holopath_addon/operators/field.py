@@ -8,6 +8,7 @@ import bpy
 from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
+from .autosave import autosave
 from .modal_operator import SaveOperator, check_poll, has_field, is_free, report_error
 
 
@@ -108,6 +109,8 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
             session.stop_sweep(self._sweep)
         if scene is None or session.current.sweep_timer is not self._sweep:
             return {"FINISHED", "PASS_THROUGH"}
+        if event.type == "TIMER":
+            autosave()
         if event.type == "TIMER" and not session.is_refocusing():
             angle = 2 * math.pi * (time.monotonic() - self._started) / self.PERIOD
             weight = 0.5 + 0.5 * math.cos(angle)

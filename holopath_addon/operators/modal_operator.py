@@ -12,6 +12,7 @@ from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..workflow import failures
 from . import session
+from .autosave import autosave, dragging
 from .jobs import Job
 
 POLL_INTERVAL = 0.05  # seconds
@@ -109,6 +110,7 @@ class ModalOperator(_Operator):
                 session.restore_window()
             return self._end_job(context, job)
         if event.type == "TIMER":
+            autosave()
             job.answer_query()
             preview = job.take_offer()
             if preview is not None:
@@ -276,15 +278,6 @@ def push_undo(message):
 
     if push() is not None:
         bpy.app.timers.register(push, first_interval=POLL_INTERVAL)
-
-
-def dragging():
-    """Whether the user is moving, painting or sculpting something."""
-    return any(
-        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
-        for window in bpy.data.window_managers[0].windows
-        for operator in getattr(window, "modal_operators", ())
-    )
 
 
 def read_task(job, progress, scene):

@@ -11,6 +11,7 @@ from .. import engine, slm
 from ..blender import device_properties, properties
 from ..workflow import failures
 from . import devices, session
+from .autosave import autosave
 from .modal_operator import ModalOperator, check_poll, has_phase, report_error
 
 POLL_INTERVAL = 0.1  # seconds
@@ -87,6 +88,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             devices.stop()
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
+            autosave()
             if not self._job.running:
                 devices.end_watching()
                 return self._finish(self._job)

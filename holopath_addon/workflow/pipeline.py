@@ -287,6 +287,11 @@ def compute(request, progress=None, rendered=None, offer=None):
             done = _offer_early(request, plan, depths, start, clock, progress, offer)
         encoding = request.encoding
         extra_frames = engine.extra_frame_count(plan, hologram, encoding.method, encoding.seconds)
+        if encoding.is_requested:  # refused now rather than after the render
+            phases = engine.plan_encoding(
+                plan, encoding.method, encoding.seconds, extra_frames, encoding.eyebox
+            )
+            plan = _with_warnings(plan, phases.memory_warnings())
         render_progress = stage(progress, done, SHARES["images"]["field"])
         rendered = engine.render(
             scene, camera, hologram, None, plan, render_progress, request.store, extra_frames
@@ -448,6 +453,7 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
     plan = _plan_of(field) or engine.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
     n_traced = 0 if field.extra_frames is None else len(field.extra_frames)
     chosen = engine.plan_encoding(plan, encoding.method, seconds, n_traced, encoding.eyebox)
+    chosen.memory_warnings()  # raises where the machine has too little
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)

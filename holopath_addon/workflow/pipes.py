@@ -1,27 +1,19 @@
-"""Pipes to programs that may end: a display's window, ffmpeg, workers."""
+"""Signals that Python ignores by itself, and the Python in Blender does not."""
 
 import signal
 import threading
-from collections.abc import Callable
 
 
-def ignore_broken_pipes() -> Callable[[], None]:
-    """Make a write to a program that has ended raise BrokenPipeError, in this whole process.
+def ignore_signals_of_writes() -> None:
+    """Have writes that fail raise an exception in this whole process, from now on.
 
-    Python does so by itself, but not the Python in Blender: there such a write would end Blender at once, without a
-    message.
-
-    Returns
-    -------
-    callable
-        Called without arguments, it restores what was before.
+    These are writes to a program that has ended (a display's window, ffmpeg, a worker; SIGPIPE) and beyond the largest
+    allowed size of a file (SIGXFSZ). By default either ends a process at once, and Blender without a message. Threads
+    may still write when HoloPath is disabled, so nothing is restored.
     """
-    number = getattr(signal, "SIGPIPE", None)  # Windows has no such signal
-    if number is None or threading.current_thread() is not threading.main_thread():
-        return lambda: None
-    before = signal.signal(number, signal.SIG_IGN)
-
-    def restore():
-        signal.signal(number, signal.SIG_DFL if before is None else before)
-
-    return restore
+    if threading.current_thread() is not threading.main_thread():  # only that one may
+        return
+    for name in ("SIGPIPE", "SIGXFSZ"):  # Windows has neither
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, signal.SIG_IGN)

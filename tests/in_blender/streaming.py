@@ -90,6 +90,10 @@ def steps():
         view.tag_redraw()
         yield 0.02
     result["gaps"] = max(gaps)
+    autosave = module("operators.autosave")
+    autosave.MINUTE = 0.5
+    bpy.ops.ed.undo_push(message="a change")  # now the file has something to lose
+    yield from until(autosave.autosave_path().exists, 30, "no auto-save")
     result["steps"].append("shown")
 
     devices.current.driver._window._process.kill()

@@ -5,37 +5,51 @@ import threading
 
 import pytest
 
-from holopath_addon.workflow.pipes import ignore_broken_pipes
+from holopath_addon.workflow.pipes import ignore_signals_of_writes
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPIPE")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
 WRITE = """
-import signal, subprocess, sys
-signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # as in Blender
-from holopath_addon.workflow.pipes import ignore_broken_pipes
-restore = ignore_broken_pipes()
+import resource, signal, subprocess, sys
+for number in (signal.SIGPIPE, signal.SIGXFSZ):
+    signal.signal(number, signal.SIG_DFL)  # as in Blender
+from holopath_addon.workflow.pipes import ignore_signals_of_writes
+if len(sys.argv) > 2:
+    ignore_signals_of_writes()
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 reader = subprocess.Popen([sys.executable, "-c", ""], stdin=subprocess.PIPE, bufsize=0)
 reader.wait()
-for _ in range(2):
-    try:
-        reader.stdin.write(b"a picture")
-    except BrokenPipeError:
-        print("raised", flush=True)
-    restore()
+with open(sys.argv[1], "wb", buffering=0) as file:
+    file.write(bytes(1000))
+    for writer in (reader.stdin, file):
+        try:
+            writer.write(b"a picture")
+        except OSError as error:
+            print(type(error).__name__, flush=True)
 """
 
 
-def test_a_write_to_a_program_that_has_ended():
-    """It raises, and after `restore` it ends the process again, as Blender had it."""
-    done = subprocess.run([sys.executable, "-c", WRITE], capture_output=True, text=True, check=False)
-    assert done.stdout == "raised\n" and done.returncode == -signal.SIGPIPE, done.stderr
+def write(*words):
+    done = subprocess.run([sys.executable, "-c", WRITE, *words], capture_output=True, text=True, check=False)
+    return done.stdout.split(), done.returncode
 
 
-def test_signals_are_left_alone_in_other_threads():
-    before = signal.getsignal(signal.SIGPIPE)
-    called = []
-    thread = threading.Thread(target=lambda: called.append(ignore_broken_pipes()))
+def test_writes_that_fail_raise(tmp_path):
+    """To a program that has ended, and beyond a file's largest size: without the function they end the process."""
+    file = str(tmp_path / "file")
+    assert write(file, "ignored") == (["BrokenPipeError", "OSError"], 0)
+    assert write(file) == ([], -signal.SIGPIPE)
+
+
+def test_other_threads_and_other_handlers_are_left_alone(monkeypatch):
+    calls = []
+    monkeypatch.setattr(signal, "signal", lambda *words: calls.append(words))
+    monkeypatch.setattr(signal, "getsignal", lambda number: print)
+    ignore_signals_of_writes()
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.SIG_DFL)
+    thread = threading.Thread(target=ignore_signals_of_writes)
     thread.start()
     thread.join()
-    called[0]()
-    assert signal.getsignal(signal.SIGPIPE) is before
+    assert calls == []
+    ignore_signals_of_writes()
+    assert calls == [(signal.SIGPIPE, signal.SIG_IGN), (signal.SIGXFSZ, signal.SIG_IGN)]
