@@ -7,7 +7,7 @@ import bpy
 
 from .. import operators, ui
 from ..operators import background, devices, session
-from ..workflow.pipes import ignore_signals_of_writes
+from ..workflow.signals import ignore_signals_of_writes
 from . import preferences, properties, render_engine, viewport
 
 _CLASSES = (

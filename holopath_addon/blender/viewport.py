@@ -26,8 +26,8 @@ from ..export.notes import Notes
 from ..export.shading import baking
 from ..export.world import sees_sky, world_of
 from ..operators import session
-from ..operators.autosave import dragging
 from ..operators.jobs import Job
+from ..operators.modal_operator import dragging
 from ..workflow import failures
 from . import preferences, properties
 

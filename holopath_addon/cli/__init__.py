@@ -14,7 +14,7 @@ from ..engine.progress import stage
 from ..engine.viewing.reconstruction import far_from, picture_pitch
 from ..farm.processes import INTERRUPTS
 from ..workflow import failures, output, pipeline
-from ..workflow.pipes import ignore_signals_of_writes
+from ..workflow.signals import ignore_signals_of_writes
 from . import (
     cluster_command,
     encode_command,

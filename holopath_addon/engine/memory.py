@@ -37,7 +37,7 @@ def installed() -> int | None:
 
 
 def limit_files(groups: str) -> list[Path]:
-    """Files with the limits of control groups and of those that they are in, of versions 1 and 2.
+    """Files with the limits of control groups and of their ancestors, of versions 1 and 2.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def limit_files(groups: str) -> list[Path]:
     """
     files: list[Path] = []
     for line in ["0::/", "1:memory:/", *groups.splitlines()]:
-        _, controllers, path = line.split(":", 2)
+        _, controllers, path = [*line.split(":", 2), "", ""][:3]
         if controllers and "memory" not in controllers.split(","):
             continue
         root, name = (CGROUPS / "memory", "memory.limit_in_bytes") if controllers else (CGROUPS, "memory.max")

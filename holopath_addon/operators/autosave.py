@@ -1,48 +1,72 @@
-"""Blender's auto-save, which Blender itself leaves out as long as any operator of a window is modal."""
+"""Operators that are modal for long, and make way for Blender's auto-save: Blender saves only while none is modal."""
 
-import os
 import time
-from contextlib import suppress
-from pathlib import Path
+from functools import partial
+from typing import TYPE_CHECKING
 
 import bpy
 
 MINUTE = 60.0  # seconds
-MAX_GAP = 5.0  # seconds between two calls, beyond which no operator was modal, and Blender saved by itself
+PAUSE = 0.2  # seconds; an auto-save that is due comes within 0.01 s
 
-_last_call = _last_save = -float("inf")
+_paused: dict[str, dict] = {}  # attributes of the operators that make way, by identifier
 
-
-def dragging():
-    """Whether the user is moving, painting or sculpting something."""
-    return any(
-        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
-        for window in bpy.data.window_managers[0].windows
-        for operator in getattr(window, "modal_operators", ())
-    )
+if TYPE_CHECKING:
+    _Operator = bpy.types.Operator
+else:
+    _Operator = object
 
 
-def autosave():
-    """Save where Blender's preferences want it; to be called at each timer event of a modal operator."""
-    global _last_call, _last_save
-    now, paths = time.monotonic(), bpy.context.preferences.filepaths
-    if now - _last_call > MAX_GAP:
-        _last_save = now
-    _last_call = now
-    due = now - _last_save > paths.auto_save_time * MINUTE
-    if not (due and paths.use_auto_save_temporary_files and bpy.data.is_dirty) or dragging():
-        return
-    _last_save = now
-    with suppress(RuntimeError):  # such as a full disk, of which Blender's report tells
-        bpy.ops.wm.save_as_mainfile(filepath=str(autosave_path()), copy=True, relative_remap=False)
+class LongModal(_Operator):
+    """Base of operators that are modal for long.
 
-
-def autosave_path():
-    """Path of the file that *File > Recover > Auto Save* looks for, see `wm_autosave_location` in Blender's source.
-
-    Returns
-    -------
-    pathlib.Path
+    Its `invoke` begins with `resume`, and ends with `become_modal`. Its `modal` calls `make_way` at timer events.
     """
-    parts = [Path(bpy.data.filepath).stem] if bpy.data.filepath else []
-    return Path(bpy.app.tempdir).parent / "_".join([*parts, str(os.getpid()), "autosave.blend"])
+
+    _modal_since = 0.0
+
+    @classmethod
+    def is_paused(cls) -> bool:
+        """Whether an operator of this kind makes way."""
+        return cls.bl_idname in _paused
+
+    def become_modal(self) -> set:
+        """Receive events from now on; the result of `invoke`."""
+        self._modal_since = time.monotonic()
+        bpy.data.window_managers[0].modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def make_way(self) -> bool:
+        """Whether the operator has to end now, as Blender's auto-save may be due; another one goes on after it.
+
+        The time is that of Blender's preferences, since this operator became modal.
+        """
+        paths = bpy.context.preferences.filepaths
+        wanted = paths.use_auto_save_temporary_files and bpy.data.is_dirty
+        if not wanted or time.monotonic() - self._modal_since < paths.auto_save_time * MINUTE:
+            return False
+        name = type(self).bl_idname
+        _paused[name] = dict(vars(self))
+        bpy.app.timers.register(partial(_go_on, name), first_interval=PAUSE)
+        return True
+
+    def resume(self) -> bool:
+        """Whether this operator goes on in the place of a paused one; it then has its attributes."""
+        attributes = _paused.pop(type(self).bl_idname, None)
+        if attributes is None:
+            return False
+        vars(self).update(attributes)
+        return True
+
+
+def forget_paused() -> None:
+    """Let nothing go on: what the paused operators watched was stopped."""
+    _paused.clear()
+
+
+def _go_on(name):
+    """Invoke the operator that goes on, unless the user or a new file was faster."""
+    if name in _paused:
+        group, function = name.split(".")
+        with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
+            getattr(getattr(bpy.ops, group), function)("INVOKE_DEFAULT")

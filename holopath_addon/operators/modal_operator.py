@@ -2,7 +2,6 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import StringProperty
@@ -12,20 +11,14 @@ from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..workflow import failures
 from . import session
-from .autosave import autosave, dragging
+from .autosave import LongModal
 from .jobs import Job
 
 POLL_INTERVAL = 0.05  # seconds
 STATUS_INTERVAL = 0.25  # seconds between two displays of progress, as drawing takes time from the work
 
 
-if TYPE_CHECKING:
-    _Operator = bpy.types.Operator
-else:
-    _Operator = object
-
-
-class ModalOperator(_Operator):
+class ModalOperator(LongModal):
     """Operator that takes long: if it is invoked it works in a thread, and Esc cancels it.
 
     A subclass brings `work`, `finish` and `activity`, which is shown until the first report of progress.
@@ -85,14 +78,15 @@ class ModalOperator(_Operator):
         """Work in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
+        if self.resume():
+            return self.become_modal()
         job = self._start_job(context)
         job.start()
         timer = bpy.data.window_managers[0].event_timer_add(POLL_INTERVAL, window=context.window)
         session.current.restore_window = lambda: _restore_window(timer)
-        bpy.data.window_managers[0].modal_handler_add(self)
         # before the first event: once that is served, the thread imports Mitsuba and holds Python meanwhile
         self._show_progress(context, job)
-        return {"RUNNING_MODAL"}
+        return self.become_modal()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread."""
@@ -110,7 +104,8 @@ class ModalOperator(_Operator):
                 session.restore_window()
             return self._end_job(context, job)
         if event.type == "TIMER":
-            autosave()
+            if self.make_way():
+                return {"FINISHED", "PASS_THROUGH"}
             job.answer_query()
             preview = job.take_offer()
             if preview is not None:
@@ -222,7 +217,7 @@ class SaveOperator(ModalOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""
-        if self.directory:
+        if self.directory or self.is_paused():
             return super().invoke(context, event)
         self._browsing = True
         bpy.data.window_managers[0].fileselect_add(self)
@@ -278,6 +273,15 @@ def push_undo(message):
 
     if push() is not None:
         bpy.app.timers.register(push, first_interval=POLL_INTERVAL)
+
+
+def dragging():
+    """Whether the user is moving, painting or sculpting something."""
+    return any(
+        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
+        for window in bpy.data.window_managers[0].windows
+        for operator in getattr(window, "modal_operators", ())
+    )
 
 
 def read_task(job, progress, scene):
@@ -369,7 +373,8 @@ def has_phase(operator):
 
 def is_free(operator):
     """Check that no job is running, see `check_poll`."""
-    return check_poll(operator, not session.running(), "HoloPath is at work: wait for it or cancel it")
+    free = operator.is_paused() or not session.running()
+    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it")
 
 
 def _failing(error):

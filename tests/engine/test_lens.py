@@ -234,7 +234,7 @@ def test_the_slope_of_phases_behind_a_lens():
 
         def loss(step):
             # the factor of the step before is 1 until it is set
-            compared.factors, compared._waves = np.ones(1, complex), np.empty((1, 16, 16), complex)
+            compared.factors, compared._back = np.ones(1, complex), np.empty((1, 16, 16), complex)
             phases = Phases(angle + step * change, pool, lens=way)
             return phases, compared.gradient(phases.light)
 

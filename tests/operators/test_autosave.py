@@ -1,69 +1,64 @@
-"""Blender's auto-save is written while an operator of ours is modal."""
+"""Operators that make way for Blender's auto-save; tests/in_blender/streaming.py has it in a window."""
 
-import bpy
+import types
+
 import pytest
 
-from holopath_addon.operators import autosave as module
+from holopath_addon.operators import autosave
+
+
+class Watching(autosave.LongModal):
+    """An operator, as far as Blender is not needed."""
+
+    bl_idname = "holopath.watching"
 
 
 @pytest.fixture
-def clock(monkeypatch, tmp_path):
-    """Seconds now, in a list; files go to a folder of the test."""
+def clock(monkeypatch):
+    """Seconds now, in a list. The file is changed, and to be saved every two minutes."""
     now = [1000.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(module, "_last_call", -float("inf"))
-    monkeypatch.setattr(module, "autosave_path", lambda: tmp_path / "it_autosave.blend")
-    paths = bpy.context.preferences.filepaths
-    before = paths.use_auto_save_temporary_files, paths.auto_save_time
-    paths.use_auto_save_temporary_files, paths.auto_save_time = True, 2
-    yield now
-    paths.use_auto_save_temporary_files, paths.auto_save_time = before
+    paths = types.SimpleNamespace(use_auto_save_temporary_files=True, auto_save_time=2)
+    window_manager = types.SimpleNamespace(modal_handler_add=lambda operator: None)
+    timers = []
+    register = types.SimpleNamespace(register=lambda function, first_interval: timers.append(function))
+    fake = types.SimpleNamespace(
+        app=types.SimpleNamespace(timers=register),
+        context=types.SimpleNamespace(preferences=types.SimpleNamespace(filepaths=paths)),
+        data=types.SimpleNamespace(is_dirty=True, window_managers=[window_manager]),
+    )
+    monkeypatch.setattr(autosave, "bpy", fake)
+    monkeypatch.setattr(autosave, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(autosave, "_paused", {})
+    return types.SimpleNamespace(now=now, paths=paths, data=fake.data, timers=timers)
 
 
-def wait(clock, seconds):
-    for _ in range(round(seconds)):
-        clock[0] += 1
-        module.autosave()
+def test_another_operator_goes_on(clock):
+    first = Watching()
+    first.job = "a render"
+    assert first.become_modal() == {"RUNNING_MODAL"}
+    clock.now[0] += 119
+    assert not first.make_way() and not Watching.is_paused() and not Watching().resume()
+    clock.now[0] += 2
+    assert first.make_way() and Watching.is_paused() and len(clock.timers) == 1
+    second = Watching()
+    assert second.resume() and second.job == "a render" and not Watching.is_paused()
+    second.become_modal()
+    assert not second.make_way()
+    clock.timers[0]()  # too late: it invokes nothing
+    clock.now[0] += 121
+    assert second.make_way()
 
 
-def test_it_is_written_when_due(clock, scene, tmp_path):
-    file = tmp_path / "it_autosave.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "it.blend"))
-    scene["of"] = "the user"
-    bpy.ops.ed.undo_push(message="a change")
-    assert bpy.data.is_dirty
-    wait(clock, 120)
-    assert not file.exists()
-    wait(clock, 2)
-    assert file.exists() and bpy.data.is_dirty and bpy.data.filepath == str(tmp_path / "it.blend")
-    with bpy.data.libraries.load(str(file)) as (content, _):
-        assert scene.name in content.scenes
-    file.unlink()
-    wait(clock, 100)
-    assert not file.exists()
-    wait(clock, 30)
-    assert file.exists()
-
-
-def test_it_is_not_written(clock, scene, tmp_path, monkeypatch):
-    """Where nothing has changed, the preferences do not want it, something is dragged, or Blender has just saved."""
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "it.blend"))
-    wait(clock, 300)
-    bpy.ops.ed.undo_push(message="a change")
-    paths = bpy.context.preferences.filepaths
-    paths.use_auto_save_temporary_files = False
-    wait(clock, 300)
-    paths.use_auto_save_temporary_files = True
-    monkeypatch.setattr(module, "dragging", lambda: True)
-    wait(clock, 300)
-    clock[0] += 1000  # no operator was modal
-    wait(clock, 100)
-    assert [p.name for p in tmp_path.glob("*autosave*")] == []
-
-
-def test_its_place_is_that_of_blender(tmp_path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a scene.blend"))
-    path = module.autosave_path()
-    assert path.name.startswith("a scene_") and path.name.endswith("_autosave.blend")
-    bpy.ops.wm.read_homefile(use_empty=True)
-    assert module.autosave_path().name.split("_")[1:] == ["autosave.blend"]
+def test_it_makes_no_way_in_vain(clock):
+    """Where nothing has changed, or the preferences want no auto-save."""
+    operator = Watching()
+    operator.become_modal()
+    clock.now[0] += 1000
+    clock.data.is_dirty = False
+    assert not operator.make_way()
+    clock.data.is_dirty, clock.paths.use_auto_save_temporary_files = True, False
+    assert not operator.make_way()
+    clock.paths.use_auto_save_temporary_files = True
+    assert operator.make_way()
+    autosave.forget_paused()  # a file is opened
+    assert not Watching().resume()

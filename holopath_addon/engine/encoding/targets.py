@@ -97,7 +97,7 @@ class ComplexTarget:
         gain = np.abs(overlaps).sum() / energies.sum()
         self.factors = gain * np.exp(-1j * np.angle(overlaps))
         loss = float(errors.real.sum()) / self.energy
-        pixels = math.prod(light.shape[1:])  # the adjoint of an FFT is so many times its inverse
+        pixels = math.prod(light.shape[1:])  # the adjoint of the FFT is its inverse times these
         return loss, self._back, np.conj(factors) * (pixels / self.energy)
 
     def _compare(self, light, frame, factor):

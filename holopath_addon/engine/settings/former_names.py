@@ -76,6 +76,8 @@ def accepts_former_names(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def with_former_names(*args: P.args, **kwargs: P.kwargs) -> R:
         current = with_current_names("argument", kwargs)
+        if len(current) < len(kwargs):
+            raise TypeError(f"{function.__name__} got an argument by its former and its current name")
         return function(*args, **current)  # pyrefly: ignore[bad-argument-type]  # the same values, by other names
 
     return with_former_names

@@ -56,3 +56,5 @@ def test_former_names_of_arguments():
         assert encode(3, aperture=False) == (3, False)
     assert warned[0].filename == __file__
     assert encode(3, has_stop=False) == (3, False) and encode(3) == (3, True)
+    with pytest.warns(DeprecationWarning), pytest.raises(TypeError, match="former and its current name"):
+        encode(3, aperture=False, has_stop=False)

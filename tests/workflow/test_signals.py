@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from holopath_addon.workflow.pipes import ignore_signals_of_writes
+from holopath_addon.workflow.signals import ignore_signals_of_writes
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
@@ -13,32 +13,34 @@ WRITE = """
 import resource, signal, subprocess, sys
 for number in (signal.SIGPIPE, signal.SIGXFSZ):
     signal.signal(number, signal.SIG_DFL)  # as in Blender
-from holopath_addon.workflow.pipes import ignore_signals_of_writes
-if len(sys.argv) > 2:
+from holopath_addon.workflow.signals import ignore_signals_of_writes
+if len(sys.argv) > 3:
     ignore_signals_of_writes()
-resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 reader = subprocess.Popen([sys.executable, "-c", ""], stdin=subprocess.PIPE, bufsize=0)
 reader.wait()
-with open(sys.argv[1], "wb", buffering=0) as file:
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+with open(sys.argv[2], "wb", buffering=0) as file:
     file.write(bytes(1000))
-    for writer in (reader.stdin, file):
-        try:
-            writer.write(b"a picture")
-        except OSError as error:
-            print(type(error).__name__, flush=True)
+    try:
+        {"pipe": reader.stdin, "file": file}[sys.argv[1]].write(b"a picture")
+    except OSError as error:
+        print(type(error).__name__)
 """
 
 
-def write(*words):
-    done = subprocess.run([sys.executable, "-c", WRITE, *words], capture_output=True, text=True, check=False)
-    return done.stdout.split(), done.returncode
+@pytest.mark.parametrize(
+    ("to", "error", "number"), [("pipe", "BrokenPipeError", "SIGPIPE"), ("file", "OSError", "SIGXFSZ")]
+)
+def test_a_write_that_fails_raises(tmp_path, to, error, number):
+    """To a program that has ended, and beyond the largest size of a file; without the function they end the process."""
 
+    def write(*words):
+        command = [sys.executable, "-c", WRITE, to, str(tmp_path / "file"), *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        return done.stdout.split(), done.returncode
 
-def test_writes_that_fail_raise(tmp_path):
-    """To a program that has ended, and beyond a file's largest size: without the function they end the process."""
-    file = str(tmp_path / "file")
-    assert write(file, "ignored") == (["BrokenPipeError", "OSError"], 0)
-    assert write(file) == ([], -signal.SIGPIPE)
+    assert write("ignored") == ([error], 0)
+    assert write() == ([], -getattr(signal, number))
 
 
 def test_other_threads_and_other_handlers_are_left_alone(monkeypatch):
