@@ -8,7 +8,7 @@ import bpy
 from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
-from .autosave import LongModal
+from .long_modal import LongModal
 from .modal_operator import SaveOperator, check_poll, has_field, is_free, report_error
 
 

@@ -11,8 +11,8 @@ from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..workflow import failures
 from . import session
-from .autosave import LongModal
 from .jobs import Job
+from .long_modal import LongModal, dragging
 
 POLL_INTERVAL = 0.05  # seconds
 STATUS_INTERVAL = 0.25  # seconds between two displays of progress, as drawing takes time from the work
@@ -273,15 +273,6 @@ def push_undo(message):
 
     if push() is not None:
         bpy.app.timers.register(push, first_interval=POLL_INTERVAL)
-
-
-def dragging():
-    """Whether the user is moving, painting or sculpting something."""
-    return any(
-        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
-        for window in bpy.data.window_managers[0].windows
-        for operator in getattr(window, "modal_operators", ())
-    )
 
 
 def read_task(job, progress, scene):

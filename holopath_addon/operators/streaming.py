@@ -11,7 +11,7 @@ from .. import engine, slm
 from ..blender import device_properties, properties
 from ..workflow import failures
 from . import devices, session
-from .autosave import LongModal
+from .long_modal import LongModal
 from .modal_operator import ModalOperator, check_poll, has_phase, report_error
 
 POLL_INTERVAL = 0.1  # seconds

@@ -60,7 +60,7 @@ def steps():
     yield 1.0
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.filepaths.auto_save_time = 1
-    module("operators.autosave").MINUTE = 0.5  # Blender saves after 60 s, HoloPath makes way twice a second
+    module("operators.long_modal").MINUTE = 0.5  # Blender saves after 60 s, HoloPath makes way twice a second
     bpy.ops.ed.undo_push(message="a change")
     devices, session, engine = module("operators.devices"), module("operators.session"), module("engine")
     volume = engine.Hologram(*SIZE, 8e-6, (520e-9,))

@@ -6,7 +6,7 @@ import bpy
 
 from ...blender import properties
 from ...blender.properties.optics import on_bench_change
-from ..autosave import forget_paused
+from ..long_modal import forget_paused
 from .images import IMAGE, PHASE, TEXTURE, redraw, rgba_rows, show_phase, show_texture, to_rgba, write_image
 from .refocusing import (
     is_refocusing,

@@ -43,7 +43,7 @@ class LongModal(_Operator):
         """
         paths = bpy.context.preferences.filepaths
         wanted = paths.use_auto_save_temporary_files and bpy.data.is_dirty
-        if not wanted or time.monotonic() - self._modal_since < paths.auto_save_time * MINUTE:
+        if not wanted or dragging() or time.monotonic() - self._modal_since < paths.auto_save_time * MINUTE:
             return False
         name = type(self).bl_idname
         _paused[name] = dict(vars(self))
@@ -59,6 +59,15 @@ class LongModal(_Operator):
         return True
 
 
+def dragging() -> bool:
+    """Whether the user is moving, painting or sculpting something."""
+    return any(
+        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
+        for window in bpy.data.window_managers[0].windows
+        for operator in getattr(window, "modal_operators", ())
+    )
+
+
 def forget_paused() -> None:
     """Let nothing go on: what the paused operators watched was stopped."""
     _paused.clear()
@@ -66,7 +75,10 @@ def forget_paused() -> None:
 
 def _go_on(name):
     """Invoke the operator that goes on, unless the user or a new file was faster."""
+    if dragging():  # an Esc is for what is dragged
+        return PAUSE
     if name in _paused:
         group, function = name.split(".")
         with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
             getattr(getattr(bpy.ops, group), function)("INVOKE_DEFAULT")
+    return None

@@ -4,10 +4,10 @@ import types
 
 import pytest
 
-from holopath_addon.operators import autosave
+from holopath_addon.operators import long_modal
 
 
-class Watching(autosave.LongModal):
+class Watching(long_modal.LongModal):
     """An operator, as far as Blender is not needed."""
 
     bl_idname = "holopath.watching"
@@ -24,12 +24,14 @@ def clock(monkeypatch):
     fake = types.SimpleNamespace(
         app=types.SimpleNamespace(timers=register),
         context=types.SimpleNamespace(preferences=types.SimpleNamespace(filepaths=paths)),
+        dragging=False,
         data=types.SimpleNamespace(is_dirty=True, window_managers=[window_manager]),
     )
-    monkeypatch.setattr(autosave, "bpy", fake)
-    monkeypatch.setattr(autosave, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(autosave, "_paused", {})
-    return types.SimpleNamespace(now=now, paths=paths, data=fake.data, timers=timers)
+    monkeypatch.setattr(long_modal, "bpy", fake)
+    monkeypatch.setattr(long_modal, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(long_modal, "_paused", {})
+    monkeypatch.setattr(long_modal, "dragging", lambda: fake.dragging)
+    return types.SimpleNamespace(now=now, paths=paths, data=fake.data, timers=timers, blender=fake)
 
 
 def test_another_operator_goes_on(clock):
@@ -50,7 +52,7 @@ def test_another_operator_goes_on(clock):
 
 
 def test_it_makes_no_way_in_vain(clock):
-    """Where nothing has changed, or the preferences want no auto-save."""
+    """Where nothing has changed, the preferences want no auto-save, or something is dragged."""
     operator = Watching()
     operator.become_modal()
     clock.now[0] += 1000
@@ -58,7 +60,9 @@ def test_it_makes_no_way_in_vain(clock):
     assert not operator.make_way()
     clock.data.is_dirty, clock.paths.use_auto_save_temporary_files = True, False
     assert not operator.make_way()
-    clock.paths.use_auto_save_temporary_files = True
+    clock.paths.use_auto_save_temporary_files, clock.blender.dragging = True, True
+    assert not operator.make_way()
+    clock.blender.dragging = False
     assert operator.make_way()
-    autosave.forget_paused()  # a file is opened
+    long_modal.forget_paused()  # a file is opened
     assert not Watching().resume()
