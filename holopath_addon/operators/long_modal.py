@@ -25,11 +25,6 @@ class LongModal(_Operator):
 
     _modal_since = 0.0
 
-    @classmethod
-    def is_paused(cls) -> bool:
-        """Whether an operator of this kind makes way."""
-        return cls.bl_idname in _paused
-
     def become_modal(self) -> set:
         """Receive events from now on; the result of `invoke`."""
         self._modal_since = time.monotonic()
@@ -66,6 +61,11 @@ def dragging() -> bool:
         for window in bpy.data.window_managers[0].windows
         for operator in getattr(window, "modal_operators", ())
     )
+
+
+def is_paused(operator: type) -> bool:
+    """Whether an operator of this class makes way, and is to be invoked again."""
+    return operator.bl_idname in _paused
 
 
 def forget_paused() -> None:

@@ -12,7 +12,7 @@ from ..engine.scene import variants
 from ..workflow import failures
 from . import session
 from .jobs import Job
-from .long_modal import LongModal, dragging
+from .long_modal import LongModal, dragging, is_paused
 
 POLL_INTERVAL = 0.05  # seconds
 STATUS_INTERVAL = 0.25  # seconds between two displays of progress, as drawing takes time from the work
@@ -217,7 +217,7 @@ class SaveOperator(ModalOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""
-        if self.directory or self.is_paused():
+        if self.directory or is_paused(type(self)):
             return super().invoke(context, event)
         self._browsing = True
         bpy.data.window_managers[0].fileselect_add(self)
@@ -364,7 +364,7 @@ def has_phase(operator):
 
 def is_free(operator):
     """Check that no job is running, see `check_poll`."""
-    free = operator.is_paused() or not session.running()
+    free = is_paused(operator) or not session.running()
     return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it")
 
 

@@ -11,7 +11,7 @@ from .. import engine, slm
 from ..blender import device_properties, properties
 from ..workflow import failures
 from . import devices, session
-from .long_modal import LongModal
+from .long_modal import LongModal, is_paused
 from .modal_operator import ModalOperator, check_poll, has_phase, report_error
 
 POLL_INTERVAL = 0.1  # seconds
@@ -28,7 +28,7 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         idle = has_phase(cls) and check_poll(
-            cls, cls.is_paused() or not devices.streaming(), "A device shows a hologram: stop it first"
+            cls, is_paused(cls) or not devices.streaming(), "A device shows a hologram: stop it first"
         )
         return idle and context.scene is not None
 

@@ -39,11 +39,11 @@ def test_another_operator_goes_on(clock):
     first.job = "a render"
     assert first.become_modal() == {"RUNNING_MODAL"}
     clock.now[0] += 119
-    assert not first.make_way() and not Watching.is_paused() and not Watching().resume()
+    assert not first.make_way() and not long_modal.is_paused(Watching) and not Watching().resume()
     clock.now[0] += 2
-    assert first.make_way() and Watching.is_paused() and len(clock.timers) == 1
+    assert first.make_way() and long_modal.is_paused(Watching) and len(clock.timers) == 1
     second = Watching()
-    assert second.resume() and second.job == "a render" and not Watching.is_paused()
+    assert second.resume() and second.job == "a render" and not long_modal.is_paused(Watching)
     second.become_modal()
     assert not second.make_way()
     clock.timers[0]()  # too late: it invokes nothing
