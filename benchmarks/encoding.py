@@ -21,7 +21,7 @@ from holopath_addon.engine.encoding.views import Views, step_transforms
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.modulator import gray_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Encoding
 
@@ -393,10 +393,10 @@ def cost(sizes=SIZES):
         parts = rng.normal(size=(2, frames, *shape)).astype(np.float32)
         fields = parts[0] + 1j * parts[1]
         views = Views(shape, PITCH, GREEN, -2e-3, 3e-3, frames, 0)
-        with Frames() as threads:
+        with FramePool() as pool:
             views.add(fields)
-            phases = Phases(np.angle(fields), threads)
-            target = ComplexTarget(fields, True, threads)
+            phases = Phases(np.angle(fields), pool)
+            target = ComplexTarget(fields, True, pool)
             seen = descent.ViewLosses(phases.light, views, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
@@ -417,13 +417,13 @@ def cost(sizes=SIZES):
                 ("sgd", sgd, 2, shape),
                 ("joint", joint, round(step_transforms(1.0)), views.padded),
             ):
-                whole, alone = _medians(step, _ffts(np.ones((frames, *grid), np.complex64), count, threads))
+                whole, alone = _medians(step, _ffts(np.ones((frames, *grid), np.complex64), count, pool))
                 text.append(f"{name} {whole:7.1f} ({count} FFTs {alone:7.1f}, ratio {whole / alone:.2f})")
         lines.append(f"  M = {frames:2d}, {shape[1]:4d} x {shape[0]:4d}: {'   '.join(text)}")
     return "\n".join(lines)
 
 
-def _ffts(waves, count, threads):
+def _ffts(waves, count, pool):
     """Nothing but FFTs, there and back, of each frame."""
 
     def one(n):
@@ -431,7 +431,7 @@ def _ffts(waves, count, threads):
         for _ in range(count // 2):
             wave = scipy.fft.ifft2(scipy.fft.fft2(wave, overwrite_x=True), overwrite_x=True)
 
-    return lambda: threads.each(one, len(waves))
+    return lambda: pool.each(one, len(waves))
 
 
 def _medians(*works, most_seconds=12.0):

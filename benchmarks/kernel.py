@@ -76,7 +76,7 @@ def run(pixels=512, repeats=5):
     depths = (plan.z_low, plan.z_high)
     grid = GrainGrid(pixels, pixels, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
-    measurement = Measurement(scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0)
+    measurement = Measurement(scene, rays, optics, tracer, grid, plan, (GREEN,))
     radiance = measurement.measure(lambda done: None)
     phasors = random_phasors(max(FRAMES), pixels, pixels)
     part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, optics)

@@ -320,10 +320,10 @@ def _despeckling_chart(curves, path):
 def textured(seeds):
     """Squared error in textured pictures over that of independent frames: `phase_fields.GAIN`."""
     from holopath_addon.engine.waves.phase_fields.design import Design, Recipe, invent
-    from holopath_addon.engine.waves.supervision import Frames
+    from holopath_addon.engine.waves.supervision import FramePool
 
     lines = ["textured pictures: squared error over that of independent frames"]
-    with Frames() as threads:
+    with FramePool() as pool:
         for count in SETS:
             maps = np.angle(designed_phasors(count))
             recipe = Recipe(count, maps.shape[-1])
@@ -331,7 +331,7 @@ def textured(seeds):
             for seed in range(seeds):
                 rng = np.random.default_rng((1, seed))
                 tasks = invent(rng, recipe.size, recipe.reach, 0.0)
-                losses.append(design.slopes(*tasks, threads)[0][count] * count / len(tasks[1]))
+                losses.append(design.slopes(*tasks, pool)[0][count] * count / len(tasks[1]))
             lines.append(f"  set of {count:2d}: {np.mean(losses):.3f}")
     return "\n".join(lines)
 

@@ -7,7 +7,7 @@ import bpy
 
 from .. import operators, ui
 from ..operators import background, devices, session
-from ..workflow.pipes import ignore_broken_pipes
+from ..workflow.signals import ignore_signals_of_writes
 from . import preferences, properties, render_engine, viewport
 
 _CLASSES = (
@@ -23,7 +23,7 @@ _undo: list[Callable[[], object]] = []
 def register():
     """Register everything; if one part fails, the others are unregistered."""
     try:
-        _undo.append(ignore_broken_pipes())
+        ignore_signals_of_writes()
         for cls in _CLASSES:
             bpy.utils.register_class(cls)
             _undo.append(partial(bpy.utils.unregister_class, cls))

@@ -27,7 +27,7 @@ from ..export.shading import baking
 from ..export.world import sees_sky, world_of
 from ..operators import session
 from ..operators.jobs import Job
-from ..operators.modal_operator import dragging
+from ..operators.long_modal import dragging
 from ..workflow import failures
 from . import preferences, properties
 

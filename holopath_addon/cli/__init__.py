@@ -14,7 +14,7 @@ from ..engine.progress import stage
 from ..engine.viewing.reconstruction import far_from, picture_pitch
 from ..farm.processes import INTERRUPTS
 from ..workflow import failures, output, pipeline
-from ..workflow.pipes import ignore_broken_pipes
+from ..workflow.signals import ignore_signals_of_writes
 from . import (
     cluster_command,
     encode_command,
@@ -49,7 +49,8 @@ def main(argv=None, store=None):
         argv = sys.argv[1:]
         if "--" in argv:
             argv = argv[argv.index("--") + 1 :]
-    args, restore = None, ignore_broken_pipes()
+    ignore_signals_of_writes()
+    args = None
     try:
         args = parse(argv, store)
         with _interruptible(), heartbeat():
@@ -63,8 +64,6 @@ def main(argv=None, store=None):
         close_line()
         print(f"holopath: {failures.sentence(error)}", file=sys.stderr)
         return failures.status(error)
-    finally:
-        restore()
 
 
 def parse(words, store=None):

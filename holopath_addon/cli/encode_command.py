@@ -93,7 +93,8 @@ def add(command, store):
         help="number of planes on which amplitudes are compared (default 1)",
     )
     add_old_name(encode, "--planes", "--compared-planes", type=int)
-    add("--no-aperture", dest="aperture", action="store_false", help="no stop in the Fourier plane")
+    add("--no-stop", dest="has_stop", action="store_false", help="no stop in the Fourier plane")
+    add_old_name(encode, "--no-aperture", "--no-stop", dest="has_stop", nargs=0, const=False)
     add(
         "--start",
         default="arg",
@@ -228,7 +229,7 @@ def _phases(args, folder, start, progress, scene=None, settings=None):
         args.store,
         supervision=args.supervision,
         compared_planes=args.compared_planes,
-        aperture=args.aperture,
+        has_stop=args.has_stop,
         start=start,
         tolerance=args.tolerance,
         **steps,

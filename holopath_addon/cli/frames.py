@@ -1,7 +1,8 @@
 """Units of work of an animation: its frames, and before them their common light."""
 
+import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
@@ -14,6 +15,7 @@ from ..farm.units import Unit
 from ..farm.worker import wait_until
 from ..workflow import output, stills
 from ..workflow.request import Request
+from . import options
 from .sources import BlenderSource
 
 LIGHT = "light"  # name of the unit, and of its folder
@@ -25,27 +27,19 @@ class AnimationFrames:
 
     Parameters
     ----------
+    args : argparse.Namespace
+        See `cli.parse`.
     out : path
         Output folder of the animation.
-    numbers : sequence of int
-        Requested frames.
     source : BlenderSource
     job : str
         Digest of the job.
-    method : str
-        Requested method of light transport.
-    encode : str
-        `Encoding.method` of all requests.
-    store : engine.BakeStore or None
-        `Request.store` of all requests.
     request : callable
         ``request()`` gives the `Request` of the scene in its current frame.
     on_finish : callable
         ``on_finish(folder, report)`` is called after each frame that this process makes.
     say : callable
         ``say(text)`` receives remarks on frames that were there.
-    in_turn : bool
-        Whether the phases of a frame start from those of the previous one, which is then made first.
 
     Attributes
     ----------
@@ -55,24 +49,24 @@ class AnimationFrames:
 
     def __init__(
         self,
+        args: argparse.Namespace,
         out: Path,
-        numbers: Sequence[int],
         source: BlenderSource,
         job: str,
-        method: str,
-        encode: str,
-        store: engine.BakeStore | None,
         request: Callable[[], Request],
         on_finish: Callable[[Path, dict], None],
         say: Callable[[str], None],
-        in_turn: bool = False,
     ) -> None:
         self.names: list[str] = []
-        self._source, self._job, self._encode, self._request = source, job, encode, request
+        self._source, self._job, self._encode, self._request = source, job, args.encode, request
         self._on_finish, self._say = on_finish, say
-        self._light = JobLight(out / LIGHT, job, store) if method in DECIDED else None
+        method = options.settings_of(args, source.settings).method
+        self._light = JobLight(out / LIGHT, job, args.store) if method in DECIDED else None
+        numbers = list(args.frame_range or source.frames)
         self._folders = {number: output.frame_folder(out, number) for number in numbers}
-        self._previous = dict(zip(list(numbers)[1:], numbers, strict=False)) if in_turn else {}
+        # a frame whose phases start from those of the previous one is made after it
+        in_turn = args.encode_start == "before"
+        self._previous = dict(zip(numbers[1:], numbers, strict=False)) if in_turn else {}
 
     @cached_property
     def units(self) -> dict[str, Unit]:

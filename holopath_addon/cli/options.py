@@ -117,7 +117,7 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, new: str, **words) -
     old, new : str
         Names of the option.
     words
-        Further arguments of `add_argument`.
+        Further arguments of `add_argument`; a flag's are ``nargs=0`` and its value as `const`.
     """
 
     class OldName(argparse.Action):
@@ -126,9 +126,9 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, new: str, **words) -
                 f"holopath: {old} is called {new} now. The next version will not accept the old name.",
                 file=sys.stderr,
             )
-            setattr(args, self.dest, value)
+            setattr(args, self.dest, self.const if self.nargs == 0 else value)
 
-    dest = new.removeprefix("--").replace("-", "_")
+    dest = words.pop("dest", None) or new.removeprefix("--").replace("-", "_")
     parser.add_argument(
         old, dest=dest, action=OldName, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **words
     )

@@ -940,17 +940,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
             known.add(line)
 
     frames = AnimationFrames(
-        out,
-        args.frame_range or source.frames,
-        source,
-        job.digest,
-        options.settings_of(args, source.settings).method,
-        args.encode,
-        args.store,
-        lambda: request_of(args, source, job.digest),
-        on_finish,
-        say,
-        args.encode_start == "before",
+        args, out, source, job.digest, lambda: request_of(args, source, job.digest), on_finish, say
     )
     return Work(out, job, frames.units, frames.names)
 

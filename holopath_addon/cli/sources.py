@@ -609,6 +609,10 @@ def _bpy(kind):
             f"{kind} needs Blender, and this Python has no bpy ({error}). Run `pip install bpy`, or give the same "
             "options to `blender --command holopath`."
         ) from error
+    if not bpy.app.background:
+        raise engine.InvalidInput(
+            f"{kind} would take the place of what is open in this window, unsaved. Start Blender with --background."
+        )
     if not hasattr(bpy.types.Scene, "holopath"):
         from ..blender import properties
 

@@ -13,7 +13,7 @@ from .errors import InvalidInput
 
 AT_ONCE = 1 << 28  # bytes of fields of many frames that are traced together
 CARD_BATCH = 2 << 30  # bytes of a card's memory for encoding, besides field and phases
-LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
+CGROUPS = Path("/sys/fs/cgroup")  # limits of containers, services and batch jobs, see cgroups(7)
 
 
 def installed() -> int | None:
@@ -24,12 +24,35 @@ def installed() -> int | None:
         whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (OSError, ValueError):
         return None
-    for name in LIMITS:
+    try:
+        groups = Path("/proc/self/cgroup").read_text()
+    except OSError:
+        groups = ""
+    for file in limit_files(groups):
         try:
-            whole = min(whole, int(Path(name).read_text()))
+            whole = min(whole, int(file.read_text()))
         except (OSError, ValueError):  # no limit
             continue
     return whole
+
+
+def limit_files(groups: str) -> list[Path]:
+    """Files with the limits of control groups and of their ancestors, of versions 1 and 2.
+
+    Parameters
+    ----------
+    groups : str
+        Text of ``/proc/self/cgroup``. In a container its paths may be those of the host, so the root is always taken.
+    """
+    files: list[Path] = []
+    for line in ["0::/", "1:memory:/", *groups.splitlines()]:
+        _, controllers, path = [*line.split(":", 2), "", ""][:3]
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root, name = (CGROUPS / "memory", "memory.limit_in_bytes") if controllers else (CGROUPS, "memory.max")
+        group = root / path.lstrip("/")
+        files += [folder / name for folder in (group, *group.parents) if folder.is_relative_to(root)]
+    return list(dict.fromkeys(files))
 
 
 def available() -> int | None:

@@ -4,7 +4,9 @@ Each word has one meaning: the pupil is the viewer's, the stop the relay's, the 
 
 Fourier plane: frequencies g = (g_x, g_y) of the light behind the SLM, to the right and up, in units of the band's edge,
 1 / (2 pitch) of the larger pitch. The zero order is at g = 0. The picture's middle ray is at the carrier c: a wave
-field, which is rendered on axis, has the frequencies f = g - c.
+field, which is rendered on axis, has the frequencies f = g - c. The picture fills the circle |f| <= 1, the band. Pixels
+send light into the square |g_x|, |g_y| <= 1: circles and halves stay in the circle |g| <= 1 there, rectangles and
+measured stops may have its corners.
 """
 
 from __future__ import annotations
@@ -445,11 +447,13 @@ class Optics:
                 f"Expected a carrier within the band, closer than 1 to the zero order, got {given}."
             )
         object.__setattr__(self, "carrier", carrier)
-        reach = 0.0
         if self.stop.kind == "circle":
             reach = math.hypot(*carrier) + self._radius
         elif self.stop.kind == "rectangle":
             reach = max(abs(c) + side / 2 for c, side in zip(carrier, self.stop.numbers, strict=True))
+        else:
+            assert self.stop.kind in ("half", "measured")  # they end with the band
+            reach = 1.0
         if reach > 1 + 1e-9:
             raise InvalidInput(
                 f"Expected a stop within the band, outside which pixels send no light, got one that reaches "

@@ -1,6 +1,7 @@
-"""Slabs of depth, which divide a scene among recording planes.
+"""Slabs of depth: which recording plane records which depths.
 
-They overlap: a surface that continues from one into the next fades out of the first as it fades into the second.
+`Slab`s of neighboring planes overlap. In the overlap their weights add up to 1, so that a surface that continues across
+it fades from one into the other.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-RAMP = 0.15  # half of the overlap of two slabs, fraction of the thinner one
-DEPTH_BINS = 128  # resolution of depths for the boundaries of slabs
+RAMP_FRACTION = 0.15  # half-width of the overlap of two slabs, fraction of the thinner one's thickness
+DEPTH_BINS = 128  # default number of bins of `bin_depths`
 
 
 @dataclass(frozen=True)
 class Slab:
-    """Range of depths z between two ramps, meters from the SLM; infinite where there is no other slab.
+    """Interval of depths z with soft ends, meters from the SLM. An end without a neighbor is infinite.
 
     Attributes
     ----------
     far : (float, float)
-        Ends of the ramp over which amplitudes rise from 0 to 1.
+        Start and end of the ramp, at the smaller z, over which the weight rises from 0 to 1 by a smoothstep.
     near : (float, float)
-        Ends of the ramp over which they fall to 0.
+        Start and end of the ramp, at the larger z, over which it falls from 1 to 0.
     """
 
     far: tuple[float, float] = (-math.inf, -math.inf)
@@ -38,29 +39,37 @@ class Slab:
 
     @property
     def bounded(self) -> bool:
-        """Whether there is any other slab."""
+        """Whether an end is finite; false for `EVERYWHERE`."""
         return math.isfinite(self.far[0]) or math.isfinite(self.near[0])
 
     def holds(self, z: ArrayLike) -> np.ndarray:
-        """Whether surfaces at depths z contribute to the slab; false for NaN."""
+        """Whether depths z are in the slab, ramps included; false for NaN."""
         return (np.asarray(z) > self.far[0]) & (np.asarray(z) < self.near[1])
 
 
 EVERYWHERE = Slab()
 
 
-def overlapping(parts: Sequence[tuple[float, float]]) -> list[Slab]:
-    """Slabs around depth ranges, which meet in the middle between two.
+def overlapping_slabs(ranges: Sequence[tuple[float, float]]) -> list[Slab]:
+    """Build a slab for each depth range.
+
+    Neighbors meet halfway between their ranges, and overlap there by `RAMP_FRACTION` of the thinner one to either side.
+    The first and last slab have no outer end.
 
     Parameters
     ----------
-    parts : sequence of (float, float)
-        Ranges (low, high), from low to high, meters from the SLM.
+    ranges : sequence of (float, float)
+        Low and high end of each range, meters from the SLM. Not empty, ascending.
+
+    Returns
+    -------
+    list of Slab
+        In the same order.
     """
-    ends = [parts[0][0], *(0.5 * (a[1] + b[0]) for a, b in pairwise(parts)), parts[-1][1]]
+    ends = [ranges[0][0], *(0.5 * (a[1] + b[0]) for a, b in pairwise(ranges)), ranges[-1][1]]
     ramps = [(-math.inf, -math.inf)]
     for before, end, after in zip(ends, ends[1:], ends[2:], strict=False):
-        half = RAMP * min(end - before, after - end)
+        half = RAMP_FRACTION * min(end - before, after - end)
         ramps.append((end - half, end + half))
     ramps.append((math.inf, math.inf))
     return [Slab(far, near) for far, near in pairwise(ramps)]
@@ -72,14 +81,14 @@ def partitions(cost: np.ndarray, max_parts: int) -> list[list[tuple[int, int]]]:
     Parameters
     ----------
     cost : numpy.ndarray, shape (bins, bins)
-        Cost of one part from bin i to bin j.
+        Cost of one part of bins i to j, both included; entries below the diagonal are ignored.
     max_parts : int
-        Largest number of parts.
+        Maximum number of parts; there are no more than bins.
 
     Returns
     -------
     list of list of (int, int)
-        For each number of parts, the first and last bin of each part.
+        Item k - 1 has k parts, each as its first and last bin.
     """
     best, cuts = cost[0], []
     results = [[(0, len(cost) - 1)]]
@@ -97,50 +106,50 @@ def partitions(cost: np.ndarray, max_parts: int) -> list[list[tuple[int, int]]]:
     return results
 
 
-def depth_slabs(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
-    """Split depths into at most `count` slabs with the minimum sum of squared thicknesses.
+def split_depths(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
+    """Split depths into at most `count` ranges with the minimum sum of squared thicknesses.
 
     Parameters
     ----------
-    depths : numpy.ndarray
-        Depths of the visible surfaces, finite.
+    depths : numpy.ndarray, shape (n,)
+        Finite depths, at least one, in any unit.
     count : int
-        Maximum number of slabs.
+        Maximum number of ranges.
 
     Returns
     -------
     list of (float, float)
-        Lowest and highest depth in each slab, from low to high.
+        Lowest and highest depth in each range, ascending; fewer than `count` where depths fill fewer bins.
     """
-    first, last, _ = binned(depths)
+    first, last, _ = bin_depths(depths)
     cost = (last[None, :] - first[:, None]) ** 2
     return [(float(first[i]), float(last[j])) for i, j in partitions(cost, count)[-1]]
 
 
-def binned(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sort depths into bins of equal width.
+def bin_depths(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Group depths into bins of equal width, and drop the empty ones.
 
     Parameters
     ----------
-    depths : numpy.ndarray
-        Finite depths.
+    depths : numpy.ndarray, shape (n,)
+        Finite depths, at least one.
     bins : int
-        Number of bins; empty ones are left out of the results.
+        Number of bins, empty ones included.
 
     Returns
     -------
-    first, last : numpy.ndarray
-        Lowest and highest depth in each bin.
-    number : numpy.ndarray of int
-        Bin of each depth.
+    first, last : numpy.ndarray of float64, shape (used,)
+        Lowest and highest depth in each bin that is not empty.
+    index : numpy.ndarray of int, shape (n,)
+        Index of each depth's bin among those.
     """
     low, high = float(depths.min()), float(depths.max())
-    number = np.minimum((depths - low) / max(high - low, 1e-12) * bins, bins - 1).astype(
+    index = np.minimum((depths - low) / max(high - low, 1e-12) * bins, bins - 1).astype(
         np.min_scalar_type(bins)
     )
-    counts = np.bincount(number, minlength=bins)
+    counts = np.bincount(index, minlength=bins)
     used = counts > 0
     begin = np.append(0, np.cumsum(counts[used])[:-1])
-    ordered = depths[np.argsort(number, kind="stable")]  # fast for small integers
-    first, last = (ends.reduceat(ordered, begin).astype(float) for ends in (np.minimum, np.maximum))
-    return first, last, (np.cumsum(used) - 1)[number]
+    ordered = depths[np.argsort(index, kind="stable")]  # a radix sort, as these integers are small
+    first, last = (extreme.reduceat(ordered, begin).astype(float) for extreme in (np.minimum, np.maximum))
+    return first, last, (np.cumsum(used) - 1)[index]

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import Beam, InvalidInput, Lens, Stop
+from ..engine.optics import STOPS
 from .containers import read
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
+_SHAPES = set(STOPS) - {"measured"}
 LENS_WORDS = "MM[@MM[@MM[@SHARE]]]|none"
 COLOR_WORDS = {
     "color_scale": ("scale of colors", "S[,S..], one for each wavelength"),
@@ -121,7 +123,7 @@ def parse_stop(text: str) -> Stop:
         If the library for it is not installed.
     """
     kind, colon, numbers = text.partition(":")
-    if kind in ("circle", "half", "rectangle"):
+    if kind in _SHAPES:
         unit = math.radians(1) if kind == "half" else 1.0
         values = _numbers(text, numbers, "stop", STOP_WORDS) if colon else []
         return Stop(kind, tuple(unit * value for value in values))
@@ -160,7 +162,7 @@ def parse_lens(text: str) -> Lens | None:
 def stop_files(text: str | None) -> dict[str, Path]:
     """The file in the text of a stop, by its role."""
     kind, _, numbers = (text or "").partition(":")
-    is_shape = kind in ("circle", "half", "rectangle") or re.fullmatch(r"[-+.,\d]+", numbers)
+    is_shape = kind in _SHAPES or re.fullmatch(r"[-+.,\d]+", numbers)
     return {} if not text or is_shape or not Path(text).suffix else {"stop": Path(text)}
 
 

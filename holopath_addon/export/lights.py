@@ -64,6 +64,7 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         light, np.maximum(color, 0), lengths, scale
     )
     cycles = getattr(light, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
+    # a portal emits nothing: it only guides the samples of the world in Cycles
     if emitter is None or getattr(cycles, "is_portal", False) or not np.any(color > 0):
         return None
     if not light.use_shadow:

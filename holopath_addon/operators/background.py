@@ -159,7 +159,7 @@ class Background:
             self.notes.append(note[1])
         if "skipped" in report.get("say", ""):  # it took no time
             self._first_report = None
-        if "done" in report:
+        if {"done", "message"} <= report.keys():
             activity = _ACTIVITY.fullmatch(report["message"])
             self.done, self.message = report["done"], activity[2] if activity else report["message"]
             self.lighting = bool(activity and activity[1] == "Light")

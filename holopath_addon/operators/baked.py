@@ -5,7 +5,7 @@ from bpy.props import BoolProperty
 
 from ..blender import preferences
 from . import session
-from .modal_operator import ModalOperator, check_poll, export, is_free, present
+from .modal_operator import ModalOperator, check_poll, is_free, present, read_task
 
 ANEW = "Bake all of it again, in place of the light that was baked before"
 
@@ -31,7 +31,7 @@ class HOLOPATH_OT_bake(ModalOperator, bpy.types.Operator):
         anew = self.anew
 
         def bake(job, progress):
-            task = export(job, progress, scene)
+            task = read_task(job, progress, scene)
             return task, *task.bake(progress, anew)
 
         return bake

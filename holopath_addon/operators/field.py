@@ -8,6 +8,7 @@ import bpy
 from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
+from .long_modal import LongModal
 from .modal_operator import SaveOperator, check_poll, has_field, is_free, report_error
 
 
@@ -74,7 +75,7 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_sweep(bpy.types.Operator):
+class HOLOPATH_OT_sweep(LongModal, bpy.types.Operator):
     """Move the focus back and forth between the nearest and the farthest thing in view; press again, or Esc, to stop"""
 
     bl_idname = "holopath.sweep"
@@ -88,6 +89,8 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Start, or stop the running one."""
+        if self.resume():
+            return self.become_modal()
         if session.current.sweep_timer is not None:
             session.stop_sweep()
             return {"FINISHED"}
@@ -97,8 +100,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
         self._sweep = session.current.sweep_timer = bpy.data.window_managers[0].event_timer_add(
             0.05, window=context.window
         )
-        bpy.data.window_managers[0].modal_handler_add(self)
-        return {"RUNNING_MODAL"}
+        return self.become_modal()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Request the next focus when the last one is shown."""
@@ -107,6 +109,8 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
         if stopped or scene is None or session.current.field is None or session.running():
             session.stop_sweep(self._sweep)
         if scene is None or session.current.sweep_timer is not self._sweep:
+            return {"FINISHED", "PASS_THROUGH"}
+        if event.type == "TIMER" and self.make_way():
             return {"FINISHED", "PASS_THROUGH"}
         if event.type == "TIMER" and not session.is_refocusing():
             angle = 2 * math.pi * (time.monotonic() - self._started) / self.PERIOD

@@ -2,7 +2,6 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import StringProperty
@@ -13,18 +12,13 @@ from ..engine.scene import variants
 from ..workflow import failures
 from . import session
 from .jobs import Job
+from .long_modal import LongModal, dragging, is_paused
 
 POLL_INTERVAL = 0.05  # seconds
 STATUS_INTERVAL = 0.25  # seconds between two displays of progress, as drawing takes time from the work
 
 
-if TYPE_CHECKING:
-    _Operator = bpy.types.Operator
-else:
-    _Operator = object
-
-
-class ModalOperator(_Operator):
+class ModalOperator(LongModal):
     """Operator that takes long: if it is invoked it works in a thread, and Esc cancels it.
 
     A subclass brings `work`, `finish` and `activity`, which is shown until the first report of progress.
@@ -84,14 +78,15 @@ class ModalOperator(_Operator):
         """Work in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
+        if self.resume():
+            return self.become_modal()
         job = self._start_job(context)
         job.start()
         timer = bpy.data.window_managers[0].event_timer_add(POLL_INTERVAL, window=context.window)
         session.current.restore_window = lambda: _restore_window(timer)
-        bpy.data.window_managers[0].modal_handler_add(self)
         # before the first event: once that is served, the thread imports Mitsuba and holds Python meanwhile
         self._show_progress(context, job)
-        return {"RUNNING_MODAL"}
+        return self.become_modal()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread."""
@@ -102,12 +97,15 @@ class ModalOperator(_Operator):
             job.cancel()
             self._show_progress(context, job)
             return {"RUNNING_MODAL"}
-        # A file that is opened stops the work and the timer, and stays closed if it is broken: then any event ends it.
+        # Opening a file cancels the job and removes the timer. If that file is broken, the old one stays open with this
+        # operator: then any event ends it.
         if (event.type == "TIMER" or job.canceling) and not job.running:
             if session.current.job is job:
                 session.restore_window()
             return self._end_job(context, job)
         if event.type == "TIMER":
+            if self.make_way():
+                return {"FINISHED", "PASS_THROUGH"}
             job.answer_query()
             preview = job.take_offer()
             if preview is not None:
@@ -219,7 +217,7 @@ class SaveOperator(ModalOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""
-        if self.directory:
+        if self.directory or is_paused(type(self)):
             return super().invoke(context, event)
         self._browsing = True
         bpy.data.window_managers[0].fileselect_add(self)
@@ -277,16 +275,7 @@ def push_undo(message):
         bpy.app.timers.register(push, first_interval=POLL_INTERVAL)
 
 
-def dragging():
-    """Whether the user is moving, painting or sculpting something."""
-    return any(
-        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
-        for window in bpy.data.window_managers[0].windows
-        for operator in getattr(window, "modal_operators", ())
-    )
-
-
-def export(job, progress, scene):
+def read_task(job, progress, scene):
     """Start Mitsuba in the job's thread, then have the main thread read a scene.
 
     Parameters
@@ -321,7 +310,7 @@ def export(job, progress, scene):
     variants.activate(job.query(preferences.chosen_backend))
     progress(0.0, "Reading the scene")
     task = job.query(read)
-    variants.take_over()
+    variants.take_over()  # variables of Dr.Jit that the main thread made
     return task
 
 
@@ -375,7 +364,8 @@ def has_phase(operator):
 
 def is_free(operator):
     """Check that no job is running, see `check_poll`."""
-    return check_poll(operator, not session.running(), "HoloPath is at work: wait for it or cancel it")
+    free = is_paused(operator) or not session.running()
+    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it")
 
 
 def _failing(error):

@@ -6,7 +6,7 @@ from .. import engine
 from ..blender import preferences, properties
 from ..engine.waves import libraries
 from . import session
-from .modal_operator import ModalOperator, export, push_undo
+from .modal_operator import ModalOperator, push_undo, read_task
 
 
 class HOLOPATH_OT_render_hologram(ModalOperator, bpy.types.Operator):
@@ -22,7 +22,7 @@ class HOLOPATH_OT_render_hologram(ModalOperator, bpy.types.Operator):
             last.release_scene()  # Mitsuba holds one scene at a time
 
         def render(job, progress):
-            task = export(job, progress, scene)
+            task = read_task(job, progress, scene)
 
             def offer(image, draft=None):
                 job.offer((image, task, draft))
@@ -120,7 +120,7 @@ class HOLOPATH_OT_plan(ModalOperator, bpy.types.Operator):
 
     def work(self, scene):
         def estimate(job, progress):
-            task = export(job, progress, scene)
+            task = read_task(job, progress, scene)
             return task, task.plan(progress)
 
         return estimate

@@ -11,6 +11,7 @@ from .. import engine, slm
 from ..blender import device_properties, properties
 from ..workflow import failures
 from . import devices, session
+from .long_modal import LongModal, is_paused
 from .modal_operator import ModalOperator, check_poll, has_phase, report_error
 
 POLL_INTERVAL = 0.1  # seconds
@@ -18,7 +19,7 @@ NUMBER_SECONDS = 5.0  # seconds for which monitors show their numbers
 SCRIPT_PATIENCE = 30.0  # seconds for which scripts wait for a lost device; in a window until it is stopped
 
 
-class HOLOPATH_OT_stream(bpy.types.Operator):
+class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
     """Show the encoded hologram on the device until it is stopped, or for the number of loops"""
 
     bl_idname = "holopath.stream"
@@ -27,7 +28,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         idle = has_phase(cls) and check_poll(
-            cls, not devices.streaming(), "A device shows a hologram: stop it first"
+            cls, is_paused(cls) or not devices.streaming(), "A device shows a hologram: stop it first"
         )
         return idle and context.scene is not None
 
@@ -66,6 +67,8 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
+        if self.resume():
+            return self.become_modal()
         try:
             job = self._prepare(context, endless=True)
             job.start()
@@ -75,9 +78,8 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         devices.current.timer = bpy.data.window_managers[0].event_timer_add(
             POLL_INTERVAL, window=context.window
         )
-        bpy.data.window_managers[0].modal_handler_add(self)
         session.redraw(images=False)
-        return {"RUNNING_MODAL"}
+        return self.become_modal()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread; Esc stops it, unless it cancels a render."""
@@ -87,6 +89,8 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             devices.stop()
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
+            if self._job.running and self.make_way():
+                return {"FINISHED", "PASS_THROUGH"}
             if not self._job.running:
                 devices.end_watching()
                 return self._finish(self._job)

@@ -29,8 +29,8 @@ from ..engine.pixels import half_sides
 from ..engine.viewing.reconstruction import Refocuser
 from ..engine.waves import arrays
 from ..engine.waves.arrays import on_processor
-from ..engine.waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
-from ..engine.waves.supervision import Frames, relative
+from ..engine.waves.propagation import OPTIMIZATION_GUARD, FreeSpace, padded_shape
+from ..engine.waves.supervision import FramePool, relative
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,8 +120,8 @@ def tune(
             phase, data=data, report={**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
         )
 
-    with Frames() as threads:
-        loop = _Loop(phase, field, calibration, color, threads)
+    with FramePool() as pool:
+        loop = _Loop(phase, field, calibration, color, pool)
         shots, taken = (rounds + 1) * len(loop.distances) * phase.data.shape[0], count()
 
         def capture(levels, distance):
@@ -151,7 +151,7 @@ def tune(
 class _Loop:
     """Phases of one wavelength during tuning, and the target at each distance."""
 
-    def __init__(self, phase, field, calibration, color, threads):
+    def __init__(self, phase, field, calibration, color, pool):
         hologram, data = phase.hologram, phase.data
         self._wavelength, self._calibration = hologram.wavelengths[color], calibration
         models = calibration.display([self._wavelength])
@@ -180,12 +180,12 @@ class _Loop:
         shape = data.shape[-2:]
         display = ShownLight(model, shape, hologram.pitch, MARGIN, data)
         ends = calibration.levels_of(hologram)[color].ends
-        self.phases = Phases(data[:, color, ...], threads, display, ends)
+        self.phases = Phases(data[:, color, ...], pool, display, ends)
         self._table = calibration.table(self._wavelength)
         wide = tuple(n + 2 * MARGIN for n in shape)
         self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]
         farthest = max(map(abs, distances))
-        self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest, TEACHING_GUARD)
+        self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest, OPTIMIZATION_GUARD)
         space = FreeSpace(self._padded, hologram.pitch, self._wavelength, on=data)
         self._transfers = {z: space(z) for z in distances}
         halves = half_sides(shape, hologram.pitch, model.half)

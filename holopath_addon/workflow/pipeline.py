@@ -282,11 +282,16 @@ def compute(request, progress=None, rendered=None, offer=None):
     depths = _depths(request, plan)
     _check_view(plan, camera, hologram, depths, request.pupil)
     if rendered is None:
+        encoding = request.encoding
+        extra_frames = engine.extra_frame_count(plan, hologram, encoding.method, encoding.seconds)
+        if encoding.is_requested:  # refused now rather than after the render
+            phases = engine.plan_encoding(
+                plan, encoding.method, encoding.seconds, extra_frames, encoding.eyebox
+            )
+            plan = _with_warnings(plan, _shortage(plan, phases))
         done = _elapsed_fraction(start, plan)
         if offer is not None and plan.seconds >= MIN_PREVIEW_SECONDS:
             done = _offer_early(request, plan, depths, start, clock, progress, offer)
-        encoding = request.encoding
-        extra_frames = engine.extra_frame_count(plan, hologram, encoding.method, encoding.seconds)
         render_progress = stage(progress, done, SHARES["images"]["field"])
         rendered = engine.render(
             scene, camera, hologram, None, plan, render_progress, request.store, extra_frames
@@ -325,6 +330,11 @@ def _offer_early(request, plan, depths, start, clock, progress, offer):
         offer(engine.to_rgb(result.images[0], request.hologram.wavelengths), result)
         done = max(end, _elapsed_fraction(start, plan))
     return done
+
+
+def _shortage(plan, phases):
+    """Warnings of an `EncodingPlan`, where no card encodes; raise where the machine has too little memory."""
+    return [] if phases.method in plan.card_memory else phases.memory_warnings()
 
 
 def _with_warnings(plan, warnings):
@@ -448,6 +458,7 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
     plan = _plan_of(field) or engine.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
     n_traced = 0 if field.extra_frames is None else len(field.extra_frames)
     chosen = engine.plan_encoding(plan, encoding.method, seconds, n_traced, encoding.eyebox)
+    _shortage(plan, chosen)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)

@@ -609,10 +609,12 @@ def test_the_camera_and_the_frame_of_a_render_are_found_again(empty_scene, tmp_p
 def test_encode_in_other_ways(rendered, tmp_path, capfd):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--max-steps", "6"]
-    assert cli.main([*words, "--bits", "2", "--no-aperture", "--out", first]) == 0
+    assert cli.main([*words, "--bits", "2", "--no-stop", "--out", first]) == 0
     levels = engine.PhaseHologram.load(first).data / (math.pi / 2)
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
-    refused(cli.main([*words, "--method", "joint", "--no-aperture"]), capfd.readouterr().err, 2, "only sgd")
+    refused(cli.main([*words, "--method", "joint", "--no-stop"]), capfd.readouterr().err, 2, "only sgd")
+    assert cli.main([*words, "--method", "joint", "--no-aperture"]) == 2
+    assert "--no-aperture is called --no-stop now" in capfd.readouterr().err
     words += ["--supervision", "amplitude", "--compared-planes", "2", "--tolerance", "0.01", "--start", first]
     assert cli.main([*words, "--out", second]) == 0
     assert engine.PhaseHologram.load(second).report["stages"][0]["steps"] <= 6

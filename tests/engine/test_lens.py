@@ -15,7 +15,7 @@ from holopath_addon.engine.hologram import AerialImage
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.viewing.reconstruction import far_from, picture_pitch
 from holopath_addon.engine.waves.lens import behind_lens
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 
 GREEN, PITCH, FOCAL = 516.5e-9, 8e-6, 0.1
 RGB = (640e-9, 516.5e-9, 455.4e-9)
@@ -229,13 +229,13 @@ def test_the_slope_of_phases_behind_a_lens():
     way, pitch = behind_lens(hologram, RGB[0]), hologram.in_air.pitch_at(RGB[0])
     target = rng.normal(size=(1, 16, 16)) + 1j * rng.normal(size=(1, 16, 16))
     angle, change = rng.uniform(0, 6, (2, 1, 16, 16))
-    with Frames() as threads:
-        compared = ComplexTarget(target, True, threads, pitch=pitch)
+    with FramePool() as pool:
+        compared = ComplexTarget(target, True, pool, pitch=pitch)
 
         def loss(step):
             # the factor of the step before is 1 until it is set
-            compared.factors, compared._waves = np.ones(1, complex), np.empty((1, 16, 16), complex)
-            phases = Phases(angle + step * change, threads, lens=way)
+            compared.factors, compared._back = np.ones(1, complex), np.empty((1, 16, 16), complex)
+            phases = Phases(angle + step * change, pool, lens=way)
             return phases, compared.gradient(phases.light)
 
         phases, (_, back, factors) = loss(0.0)

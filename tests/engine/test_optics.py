@@ -489,4 +489,4 @@ def test_stops_that_cannot_be(carrier, stop, says):
 
 def test_without_a_stop_there_is_no_stop(target):
     with pytest.raises(engine.InvalidInput, match="Omit one of them"):
-        engine.encode(off_axis(target, OFF_AXIS["half"]), "sgd", aperture=False)
+        engine.encode(off_axis(target, OFF_AXIS["half"]), "sgd", has_stop=False)

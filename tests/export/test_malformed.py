@@ -83,6 +83,23 @@ def test_links_in_a_circle(stage):
     assert np.isfinite(stage.mitsuba(spp=4, exported=exported)).all()
 
 
+def test_sums_of_sums(stage):
+    """Each Add Shader has the one before in both inputs: 40 of them have 2^40 shaders."""
+    material = stage.material("ShaderNodeEmission", "doubled")
+    tree = material.node_tree
+    last = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeEmission")
+    for _ in range(40):
+        add = tree.nodes.new("ShaderNodeAddShader")
+        for socket in add.inputs:
+            tree.links.new(last.outputs[0], socket)
+        last = add
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(last.outputs[0], output.inputs["Surface"])
+    stage.plane(material=material)
+    exported = stage.export()
+    assert ("plane", "Over 1000 shaders in one material") in features(exported)
+
+
 def test_follow_ends_where_blender_does_not_mark_the_circle():
     class Link:
         is_valid, is_muted = True, False

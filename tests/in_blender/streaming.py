@@ -4,6 +4,7 @@
 """
 
 import json
+import os
 import sys
 import time
 import traceback
@@ -58,6 +59,9 @@ def steps():
     global last
     yield 1.0
     bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.filepaths.auto_save_time = 1
+    module("operators.long_modal").MINUTE = 0.5  # Blender saves after 60 s, HoloPath makes way twice a second
+    bpy.ops.ed.undo_push(message="a change")
     devices, session, engine = module("operators.devices"), module("operators.session"), module("engine")
     volume = engine.Hologram(*SIZE, 8e-6, (520e-9,))
     hologram = engine.PhaseHologram(phases(), volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1.0,))
@@ -100,6 +104,10 @@ def steps():
     shown = devices.current.counts.shown
     yield from until(lambda: devices.current.counts.shown > shown + 30, 20, "nothing is shown again")
     result["steps"].append("reconnected")
+    # Blender's own auto-save, see `wm_autosave_location` in its source
+    saved = Path(bpy.app.tempdir).parent / f"{os.getpid()}_autosave.blend"
+    yield from until(saved.exists, 90, "no auto-save")
+    result["saved"] = [bpy.data.is_dirty, devices.streaming(), devices.current.counts.reconnected]
 
     window, begin = bpy.context.window_manager.windows[0], time.monotonic()
     window.event_simulate(type="ESC", value="PRESS", x=400, y=400)

@@ -59,5 +59,6 @@ def test_streaming(blender, x_server, tmp_path, monkeypatch):  # noqa: F811
     )
     assert result["gaps"] < SOON and result["opening"] < SOON
     assert result["noticed"] < SOON and "window has crashed" in result["lost"]
+    assert result["saved"] == [True, True, 1]  # while it streamed
     assert result["stopping"] < SOON and result["error"] == "" and "1 reconnected" in result["counts"]
     assert result["let_go"] == [True, True] and result["disabled"] == [True, False]

@@ -46,14 +46,14 @@ def test_a_bake_computes_with_what_the_main_thread_has_read(lit, store):
     """Also where the main thread began with Mitsuba after the job's own, as at a session's first press of Bake."""
     import drjit
 
-    from holopath_addon.operators.modal_operator import export
+    from holopath_addon.operators.modal_operator import read_task
 
     area = bpy.data.lights.new("Panel", "AREA")  # whose place is a transform that nobody has evaluated
     lit.collection.objects.link(bpy.data.objects.new("Panel", area))
     bpy.context.view_layer.update()
 
     def work(progress):
-        return export(job, progress, lit.name).bake(progress)
+        return read_task(job, progress, lit.name).bake(progress)
 
     job = session.current.job = Job(work)
     job.start()

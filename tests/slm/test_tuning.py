@@ -8,7 +8,7 @@ import pytest
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
 from holopath_addon.engine.waves.gaussian_points import THIRD
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 from holopath_addon.slm.fitting import parameters, vector
 from holopath_addon.slm.tuning import _Loop
 
@@ -18,9 +18,9 @@ WINDOW = slm.PatternWindow(SIDE, PITCH, GREEN)
 
 
 @pytest.fixture
-def threads():
-    with Frames() as threads:
-        yield threads
+def pool():
+    with FramePool() as pool:
+        yield pool
 
 
 def field_of(seed=0):
@@ -110,7 +110,7 @@ def test_stopped_in_the_middle_keeps_the_best(bench):
 
 
 @pytest.mark.parametrize("library", ["array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)])
-def test_libraries_of_arrays_agree(library, bench, threads):
+def test_libraries_of_arrays_agree(library, bench, pool):
     """Use a camera whose picture is always the same: phases are of the same library, and change alike."""
     library = pytest.importorskip(library)
     calibration, field = bench[1], field_of()
@@ -120,7 +120,7 @@ def test_libraries_of_arrays_agree(library, bench, threads):
         own = replace(phase, data=made.asarray(phase.data))
         tuned = slm.tune(own, field, lambda levels, distance: picture, calibration, GREEN, rounds=1)
         assert isinstance(tuned.data, type(own.data))
-        loop = _Loop(own, field, calibration, 0, threads)
+        loop = _Loop(own, field, calibration, 0, pool)
         loop.descend(loop.compare(lambda levels, distance: picture)[1], 0.1)
         found.append((np.exp(1j * np.asarray(loop.phases.values())), tuned.report["tuned"][0]["psnr_db"]))
     (expected, decibels), (values, others) = found

@@ -19,7 +19,7 @@ from ..pixels import beyond
 from ..settings.choices import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import (
-    TEACHING_GUARD,
+    OPTIMIZATION_GUARD,
     carrier,
     commensurate,
     padded_shape,
@@ -152,7 +152,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             hologram.raster(wavelength).lines_on(square.raster()),
             hologram.distance_at(wavelength),
         )
-        guard = max(TEACHING_GUARD, beyond(lines, shape))
+        guard = max(OPTIMIZATION_GUARD, beyond(lines, shape))
         padded = commensurate(padded_shape(shape, square.pitch, wavelength, distance, guard), lines)
         transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
             wavelength, distance

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..progress import Stages, parts
 from ..waves import arrays
-from ..waves.propagation import TEACHING_GUARD
+from ..waves.propagation import OPTIMIZATION_GUARD
 from ..waves.target_images import TargetImages, Viewpoint
 from .shots import through_pupil
 from .supervised import phases_for
@@ -43,7 +43,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         wavelength = hologram.wavelengths[k]
         viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in planes]
         images = TargetImages(
-            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
+            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, OPTIMIZATION_GUARD, on
         )
         for number, picture in enumerate(stack):
             images.targets[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")

@@ -10,7 +10,7 @@ from ..waves.supervision import DARK, blocks
 
 if TYPE_CHECKING:
     from ..waves.arrays import Array
-    from ..waves.supervision import Frames
+    from ..waves.supervision import FramePool
     from ..waves.target_images import TargetImages
 
 MIN_AMPLITUDE = 1e-3  # divisor in the derivative of the root, fraction of a target's root mean square
@@ -28,16 +28,16 @@ class FrameMean:
     pictures : TargetImages
     gain : float
         Amplitude g of the incident light.
-    threads : Frames
+    pool : FramePool
     amplitudes : bool
         Whether to compare amplitudes instead of intensities.
     """
 
     def __init__(
-        self, pictures: TargetImages, gain: float, threads: Frames, amplitudes: bool = False
+        self, pictures: TargetImages, gain: float, pool: FramePool, amplitudes: bool = False
     ) -> None:
         self.pictures, self.gain, self.amplitudes = pictures, gain, amplitudes
-        self._threads = threads
+        self._pool = pool
         self._waves = None
 
     def weight(self, number: int) -> Array:
@@ -82,7 +82,7 @@ class FrameMean:
                 error[block, :] = image - target[block, :]
                 factor[block, :] = 2 * scale
 
-        self._threads.each(compare, len(parts))
+        self._pool.each(compare, len(parts))
         weighted = error * self.weight(number)
         loss = arrays.total(error * weighted)
         slope = arrays.as_type(factor * weighted, light.dtype)  # a product of different types is slower
@@ -95,7 +95,7 @@ class FrameMean:
             wave[:rows, columns:] = 0.0
             waves[frame, ...] = carried(wave, adjoint)
 
-        self._threads.each(back, frames)
+        self._pool.each(back, frames)
         return loss, waves[:, :rows, :columns]
 
     def image(self, light: Array, number: int) -> Array:
@@ -111,7 +111,7 @@ class FrameMean:
         def add(part):
             image[parts[part], :] = arrays.total_intensity(waves[:, parts[part], :columns])
 
-        self._threads.each(add, len(parts))
+        self._pool.each(add, len(parts))
         return image / light.shape[0]
 
     def _propagate(self, light, transfer):
@@ -127,7 +127,7 @@ class FrameMean:
             wave[:rows, columns:] = 0.0
             self._waves[frame, ...] = carried(wave, transfer)
 
-        self._threads.each(propagate, shape[0])
+        self._pool.each(propagate, shape[0])
         return self._waves
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ..pixels import axes, coarsest
 from ..progress import Stages, parts
 from ..waves import arrays
-from ..waves.propagation import TEACHING_GUARD
+from ..waves.propagation import OPTIMIZATION_GUARD
 from ..waves.target_images import TargetImages, Viewpoint
 from .shots import through_pupil
 from .supervised import phases_for
@@ -51,7 +51,9 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         wavelength = hologram.wavelengths[k]
         distance = z - hologram.distance_at(wavelength)
         viewpoints = [Viewpoint(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        images = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on)
+        images = _Views(
+            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, OPTIMIZATION_GUARD, on
+        )
         for number, view in enumerate(views[k]):
             target = images.band_fraction(number) * job.at_pixels(view, k)
             images.targets[number, ...] = arrays.like(target, on, "float32")

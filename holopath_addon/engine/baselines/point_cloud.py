@@ -28,7 +28,7 @@ import scipy.ndimage
 
 from ..progress import Stages, named, parts
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
-from ..slabs import depth_slabs
+from ..slabs import split_depths
 from ..tracing.kernel_table import LEVELS, LEVELS_A_GRAIN
 from ..tracing.wave_tracer import FRAMES_TOGETHER
 from ..waves.propagation import field_of, padded_shape, spectrum, transfer_function
@@ -97,7 +97,7 @@ def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
     for count in range(1, MAX_PLANES + 1):
         if PLANE_POINTS * count > min_cost:
             break
-        slabs = depth_slabs(depths, count)
+        slabs = split_depths(depths, count)
         points = sum(math.pi * reach(hologram, 0.5 * (end - begin)) ** 2 for begin, end in slabs)
         if points + PLANE_POINTS * count < min_cost:
             best, min_cost = slabs, points + PLANE_POINTS * count

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..waves import arrays
-from ..waves.propagation import TEACHING_GUARD
+from ..waves.propagation import OPTIMIZATION_GUARD
 from ..waves.supervision import relative
 from ..waves.target_images import TargetImages, Viewpoint
 from .layers import sliced
@@ -33,7 +33,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         wavelength = hologram.wavelengths[k]
         viewpoints = [Viewpoint(float(z) - hologram.distance_at(wavelength)) for z in depths]
         images = _OnLayers(
-            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, TEACHING_GUARD, on
+            job.shape, hologram.pitch_at(wavelength), wavelength, viewpoints, OPTIMIZATION_GUARD, on
         )
         light, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
         images.radiance = arrays.like(light, on)

@@ -31,7 +31,7 @@ from ..progress import named, parts
 from ..scene.rays import Rays, intersect
 from ..viewing.preview import path_tracer
 from ..waves.propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
-from ..waves.supervision import Frames
+from ..waves.supervision import FramePool
 from .layers import random_phasor
 from .light_field import PICTURES
 
@@ -137,7 +137,7 @@ def stereogram(job: BaselineInput, plane: float, k: int, side: int, progress: Pa
     waves = waves.astype(np.complex64)
     out = np.zeros((len(phasors), rows + 2 * half - 2, columns + 2 * half - 2), np.complex64)
     height = max(1, CHUNK_RAYS // (columns * inside.sum()))
-    with Frames() as threads:
+    with FramePool() as pool:
         for first in range(0, rows, height):
             progress(first / rows)
             amplitude, cells = rays.strip(first, min(height, rows - first))
@@ -149,7 +149,7 @@ def stereogram(job: BaselineInput, plane: float, k: int, side: int, progress: Pa
                 part = _overlap_add(waves, part)
                 out[m, first : first + part.shape[0]] += part
 
-            threads.each(add, len(phasors))
+            pool.each(add, len(phasors))
     return out[:, half - 1 : half - 1 + rows, half - 1 : half - 1 + columns]
 
 

@@ -24,7 +24,7 @@ from ..encoding.double_phase import even_double_phase
 from ..encoding.phases import Phases
 from ..waves import arrays, libraries
 from ..waves.phase_fields import FEW_FRAMES, aimed_waves, random_phasors, randomness_for
-from ..waves.supervision import Frames
+from ..waves.supervision import FramePool
 from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def phases_for(
 
     def descend(k, start):
         pictures = pictures_of(k, start)
-        phases, mean = Phases(start, threads), FrameMean(pictures, 1.0, threads, few)
+        phases, mean = Phases(start, pool), FrameMean(pictures, 1.0, pool, few)
         brightness, numbers = (_AmplitudeBrightness if few else _Brightness)(mean, phases.light), []
         for step in range(steps):
             numbers = numbers or list(rng.permutation(len(pictures)))
@@ -91,7 +91,7 @@ def phases_for(
             progress((k + (step + 1) / steps) / colors, "Phases")
         return arrays.on_processor(brightness.amplitude * phases.light)
 
-    with Frames() as threads:
+    with FramePool() as pool:
         for k in range(colors):
             if few:
                 phasors = random_phasors(frames, *job.shape, seed + k, randomness)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..progress import PartProgress
     from ..wavefield import WaveField
     from ..waves.arrays import Array
-    from ..waves.supervision import Frames
+    from ..waves.supervision import FramePool
     from .options import EncodingOptions
 
 MARGIN = 12  # pixels of guard band around a display's panel, into which its relay scatters light
@@ -49,7 +49,7 @@ class Channel:
     phases : array, float32, shape (frame, y, x)
         Memory for the phases, radians.
     options : EncodingOptions
-    pool : Frames
+    pool : FramePool
         Threads for the frames.
     on_wait : callable
         Called several times a second during longer work; may raise `Cancelled`.
@@ -73,7 +73,7 @@ class Channel:
         color: int,
         phases: Array,
         options: EncodingOptions,
-        pool: Frames,
+        pool: FramePool,
         on_wait: Callable[[], object],
     ) -> None:
         self.phases, self.gain = phases, 0.0
@@ -211,7 +211,7 @@ class Channel:
         options, optics = self._options, self._field.hologram.optics
         pitch = self._grid.pitch_at(self.wavelength)
         if options.supervision == "complex":
-            return ComplexTarget(fields, options.aperture, self._pool, optics, pitch)
+            return ComplexTarget(fields, options.has_stop, self._pool, optics, pitch)
         low, high = self._volume
         count = options.compared_planes
         distances = np.linspace(low, high, count) if count > 1 else [(low + high) / 2]

@@ -13,8 +13,9 @@ from ..errors import Cancelled, cancelled
 from ..memory import on_card
 from ..progress import SHARES, named
 from ..progress import stage as part_of
+from ..settings.former_names import accepts_former_names
 from ..waves import arrays
-from ..waves.supervision import Frames
+from ..waves.supervision import FramePool
 from . import descent
 from .axis import on_axis
 from .channel import Channel
@@ -44,6 +45,7 @@ EXTRA_FRAMES_END = SHARES["refine"]["extra frames"]
 MIN_STEPS = 10  # steps of all frames together, at which evaluating all views pays off
 
 
+@accepts_former_names
 def encode(
     field: WaveField,
     method: str = "auto",
@@ -54,7 +56,7 @@ def encode(
     display: Sequence[DisplayModel] | None = None,
     supervision: str = "complex",
     compared_planes: int = 1,
-    aperture: bool = True,
+    has_stop: bool = True,
     start: str | PhaseHologram = "arg",
     randomness: float | None = None,
     eyebox: float | None = None,
@@ -93,8 +95,8 @@ def encode(
         Target of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
     compared_planes : int
         Number of planes on which amplitudes are compared, spread over the volume; a complex field needs only one.
-    aperture : bool
-        Whether the display has a stop in its Fourier plane, beyond which light is unconstrained.
+    has_stop : bool
+        Whether the display has a stop in its Fourier plane, outside of which light is unconstrained.
     start : str or PhaseHologram
         Start of the optimization: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such
         as that of an animation's previous frame.
@@ -142,10 +144,10 @@ def encode(
     ((1, 1, 32, 32), 'dpac')
     """
     options = EncodingOptions(
-        method, bits, levels, display, supervision, compared_planes, aperture, start, randomness, eyebox, extra_frames,
+        method, bits, levels, display, supervision, compared_planes, has_stop, start, randomness, eyebox, extra_frames,
         seconds, tolerance, max_steps, seed,
     ).resolve(field)  # fmt: skip
-    with Frames() as pool:
+    with FramePool() as pool:
         encoder = METHODS[options.method](field, options, progress or (lambda done, message: None), pool)
         return encoder.run()
 

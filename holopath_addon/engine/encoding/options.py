@@ -50,7 +50,7 @@ class EncodingOptions:
     display: Sequence[DisplayModel] | None
     supervision: str
     compared_planes: int
-    aperture: bool
+    has_stop: bool
     start: str | PhaseHologram
     randomness: float | None
     eyebox: float | None
@@ -139,13 +139,13 @@ class EncodingOptions:
                 "A fitted display has a beam and a stop of its own, and no lens behind it. Omit the display model or "
                 "the hologram's optics."
             )
-        if not self.aperture and (self.method != "sgd" or self.supervision != "complex"):
+        if not self.has_stop and (self.method != "sgd" or self.supervision != "complex"):
             raise InvalidInput(
                 "Without a stop in the Fourier plane, only sgd with complex supervision encodes. Choose it, or keep "
-                "the aperture."
+                "the stop."
             )
-        if not self.aperture and field.hologram.optics.stopped:
-            raise InvalidInput("The optics have a stop, which aperture=False excludes. Omit one of them.")
+        if not self.has_stop and field.hologram.optics.stopped:
+            raise InvalidInput("The optics have a stop, which has_stop=False excludes. Omit one of them.")
         if self.method == "refine" and self.extra_frames is None:
             raise InvalidInput(
                 "The encoding refine needs extra frames of the scene. Use `holopath render --encode refine`, or choose "

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..waves.arrays import Array
     from ..waves.lens import Collins
     from ..waves.modulator import Levels
-    from ..waves.supervision import Frames
+    from ..waves.supervision import FramePool
     from .shown_light import ShownLight
 
 # Decays of Adam's means (Kingma and Ba, ICLR 2015): of slopes, if each step evaluates everything, of slopes if it
@@ -38,7 +38,7 @@ class Phases:
     ----------
     start : array, float32 or float64, shape (frame, y, x)
         Phases to start with, radians. Its type and library are those of the computation.
-    threads : Frames
+    pool : FramePool
     display : ShownLight, optional
         Display that turns phases into light; its phases stay between `ends`, as it would blur neighboring pixels across
         the jump from one turn to the next. Default: an ideal display.
@@ -58,7 +58,7 @@ class Phases:
     def __init__(
         self,
         start: Array,
-        threads: Frames,
+        pool: FramePool,
         display: ShownLight | None = None,
         ends: tuple[float, float] = WHOLE,
         beam: Array | None = None,
@@ -68,7 +68,7 @@ class Phases:
         self._angle = xp.reshape(arrays.copied(start), (start.shape[0], -1))
         if display is not None:
             self._angle = ends[0] + xp.remainder(self._angle - ends[0], 2 * math.pi)
-        self._threads, self._shape = threads, tuple(start.shape)
+        self._pool, self._shape = pool, tuple(start.shape)
         self._beam = None if beam is None else xp.reshape(beam, (-1,))
         kind = "complex64" if start.dtype == xp.float32 else "complex128"
         self._light = arrays.empty(self._angle.shape, kind, start)
@@ -90,7 +90,7 @@ class Phases:
 
     def _stack(self, work):
         """Stack of the results of a function of the frame's index."""
-        return self._xp.stack(self._threads.each(work, self._shape[0]))
+        return self._xp.stack(self._pool.each(work, self._shape[0]))
 
     def _frame(self, frame):
         """Phases of a frame, shape (y, x)."""
@@ -170,7 +170,7 @@ class Phases:
             chosen = fixable & (distance <= arrays.smallest(distance, count))
             angle[chosen], free[chosen] = target[chosen], 0
 
-        self._threads.each(each, self._shape[0])
+        self._pool.each(each, self._shape[0])
         self._each(self._show)
 
     def set(self, values: Array) -> None:
@@ -237,4 +237,4 @@ class Phases:
                 last = min(first + height, rows)
                 work(frame, slice(first * columns, last * columns), slice(first, last))
 
-        self._threads.each(each, self._shape[0])
+        self._pool.each(each, self._shape[0])

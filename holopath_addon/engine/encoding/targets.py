@@ -10,63 +10,68 @@ import numpy as np
 from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch
 from ..waves import arrays
-from ..waves.propagation import JUDGING_GUARD, FreeSpace, padded_shape
+from ..waves.propagation import EVALUATION_GUARD, FreeSpace, padded_shape
 from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..waves.arrays import Array
-    from ..waves.supervision import Frames
+    from ..waves.supervision import FramePool
+
+MIN_MAGNITUDE = 1e-20  # keeps dark pixels from a division by zero
 
 
 class ComplexTarget:
-    """Complex amplitudes on one plane; any plane is equivalent, as propagation preserves scalar products.
+    """Loss of the light's complex field on one plane.
+
+    Any plane has the same loss, as propagation preserves scalar products.
 
     L = sum over frames and frequencies of |c U - T|^2 / sum |T|^2, with U and T the spectra of the light and of the
-    target within the circular aperture that a pixel grid records (paper section 4.3), and c the least-squares factor:
-    a phase for each frame and a gain for all, so that neither is penalized.
+    target in the band that is compared (see `has_stop`; paper section 4.3). c_n = g exp(i phi_n) has one gain for all
+    frames and a phase for each, by least squares, so that neither brightness nor a frame's phase is penalized.
 
     Parameters
     ----------
     fields : array, complex, shape (frame, y, x)
-        Fields at the SLM.
-    aperture : bool
-        Whether light beyond the circle is free, as a stop in the Fourier plane blocks it.
-    threads : Frames
+        Fields on the plane where light is compared: at the SLM, or behind a lens in its image.
+    has_stop : bool
+        Whether a stop in the Fourier plane blocks the light outside of the circle that a pixel grid records, so that it
+        is not compared. Otherwise all frequencies are.
+    pool : FramePool
     optics : Optics
-        Optics whose stop replaces the circle.
+        Optics; their stop, if any, takes the circle's place.
     pitch : float or (float, float)
         Pixel pitch, meters; needed only if pixels are not square.
 
     Attributes
     ----------
     energy : float
-        Energy of the target; 0 for a dark one.
+        Sum of |T|^2 over frames and frequencies; 0 for a dark target, which has no gradient.
+    factors : numpy.ndarray, complex, shape (frame,), or None
+        c of the next call of `gradient`; None before the first.
     """
 
     def __init__(
         self,
         fields: Array,
-        aperture: bool,
-        threads: Frames,
+        has_stop: bool,
+        pool: FramePool,
         optics: Optics = ON_AXIS,
         pitch: Pitch = 1.0,
     ) -> None:
         shape = fields.shape[-2:]
-        self._band = optics.passes(shape, pitch) if aperture else np.ones(shape, bool)
-        self._band, self._threads = arrays.like(self._band, fields, fields.dtype), threads
-        self._targets = threads.each(
-            lambda frame: arrays.fft2(fields[frame, ...]) * self._band, fields.shape[0]
-        )
-        self._energies = np.array(threads.each(lambda frame: _square(self._targets[frame]), fields.shape[0]))
+        self._band = optics.passes(shape, pitch) if has_stop else np.ones(shape, bool)
+        self._band, self._pool = arrays.like(self._band, fields, fields.dtype), pool
+        self._spectra = pool.each(lambda frame: arrays.fft2(fields[frame, ...]) * self._band, fields.shape[0])
+        self._energies = np.array(pool.each(lambda frame: _square(self._spectra[frame]), fields.shape[0]))
         self.energy = float(sum(self._energies))
         self.factors = None
 
     def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
         """Return the loss, and its gradient with respect to the light.
 
-        c is that of the previous step, and is then set to the best one for this light.
+        c is that of the previous call, and is then set to the best one for this light. The first call sets it twice.
 
         Parameters
         ----------
@@ -75,60 +80,68 @@ class ComplexTarget:
         Returns
         -------
         loss : float
-        back : array
-            Times `factors` it is G with dL = 2 Re sum conj(G) du. The next call overwrites its memory.
-        factors : numpy.ndarray, complex
+        back : array, complex, shape (frame, y, x)
+            Times `weights` it is G with dL = 2 Re sum conj(G) du. The next call overwrites its memory.
+        weights : numpy.ndarray, complex, shape (frame,)
         """
         if self.factors is None:
             self.factors = np.ones(light.shape[0], complex)
-            self._waves = arrays.empty(light.shape, light.dtype, light)
+            self._back = arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
         factors = self.factors
-        sums = self._threads.each(lambda frame: self._compare(light, frame, factors[frame]), light.shape[0])
-        errors, overlaps = np.array(sums).T
-        # of the spectra, from those of the errors E: U = (E + T) / c
-        energies = (errors.real + 2 * overlaps.real + self._energies) / np.abs(factors) ** 2
-        overlaps = (overlaps + self._energies) / factors
+        sums = self._pool.each(lambda frame: self._compare(light, frame, factors[frame]), light.shape[0])
+        errors, error_overlaps = np.array(sums).T
+        # |U|^2 and <T, U> from those of E = c U - T, without another pass
+        energies = (errors.real + 2 * error_overlaps.real + self._energies) / np.abs(factors) ** 2
+        overlaps = (error_overlaps + self._energies) / factors
         gain = np.abs(overlaps).sum() / energies.sum()
         self.factors = gain * np.exp(-1j * np.angle(overlaps))
         loss = float(errors.real.sum()) / self.energy
-        return loss, self._waves, np.conj(factors) * (math.prod(light.shape[1:]) / self.energy)
+        pixels = math.prod(light.shape[1:])  # the adjoint of the FFT is its inverse times these
+        return loss, self._back, np.conj(factors) * (pixels / self.energy)
 
     def _compare(self, light, frame, factor):
-        """Propagate c U - T back to the plane, into `_waves`; return its square and its product with T."""
-        wave = self._waves[frame, ...]
+        """Write the inverse FFT of E = c U - T into `_back`; return |E|^2 and <T, E>."""
+        wave = self._back[frame, ...]
         wave[...] = light[frame, ...]
         wave = arrays.fft2(wave, overwrite=True)
         square = overlap = 0.0
         for rows in blocks(wave):
-            error, target = wave[rows, :], self._targets[frame][rows, :]
+            error, target = wave[rows, :], self._spectra[frame][rows, :]
             error *= self._band[rows, :]
             error *= complex(factor)
             error -= target
             square += _square(error)
             overlap += arrays.product(target, error)
-        self._waves[frame, ...] = arrays.ifft2(wave, overwrite=True)
+        self._back[frame, ...] = arrays.ifft2(wave, overwrite=True)
         return square, overlap
 
 
 class AmplitudeTarget:
-    """Amplitudes on several planes, with free phases, as in prior work (Choi et al., ACM TOG 40(6), 240 (2021)).
+    """Loss of the light's amplitudes on several planes, whose phases are free (Choi et al., ACM TOG 40(6), 240 (2021)).
 
-    L = sum over frames, planes and pixels of (g |u_z| - a_z)^2 / sum a_z^2, with the gain g of the previous step.
+    L = sum over frames, planes and pixels of (g |u_z| - a_z)^2 / sum a_z^2, with the gain g of the previous call.
 
     Parameters
     ----------
     fields : array, complex, shape (frame, y, x)
-        Fields at the SLM.
+        Fields on the plane where light is compared, see `ComplexTarget`.
     pitch : float or (float, float)
         Pixel pitch, meters.
     wavelength : float
         Meters.
     distances : sequence of float
-        Distances of the planes from the SLM, meters.
-    threads : Frames
+        Signed distances of the planes from there, meters.
+    pool : FramePool
     optics : Optics
-        Optics whose stop the light passes.
+        Optics; light and target pass their stop.
+
+    Attributes
+    ----------
+    energy : float
+        Sum of a_z^2 over frames, planes and pixels; 0 for a dark target, which has no gradient.
+    gain : float or None
+        g of the next call of `gradient`; None before the first.
     """
 
     def __init__(
@@ -137,13 +150,13 @@ class AmplitudeTarget:
         pitch: Pitch,
         wavelength: float,
         distances: Sequence[float],
-        threads: Frames,
+        pool: FramePool,
         optics: Optics = ON_AXIS,
     ) -> None:
-        self._shape, self._threads = fields.shape[-2:], threads
+        self._shape, self._pool = fields.shape[-2:], pool
         farthest = max(map(abs, distances))
-        # its loss is the reported PSNR
-        self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
+        # its loss is reported as a PSNR: the guard band is that of images
+        self._padded = padded_shape(self._shape, pitch, wavelength, farthest, EVALUATION_GUARD)
         space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch), on=fields)
         self._transfers = [arrays.as_type(space(z), fields.dtype) for z in distances]
         rows, columns = self._shape
@@ -151,17 +164,22 @@ class AmplitudeTarget:
 
         def amplitudes(frame):
             spectrum = arrays.fft2(fields[frame, ...], self._padded)
-            return [xp.abs(arrays.ifft2(spectrum * t)[:rows, :columns]) for t in self._transfers]
+            return [
+                xp.abs(arrays.ifft2(spectrum * transfer)[:rows, :columns]) for transfer in self._transfers
+            ]
 
-        self._amplitudes = threads.each(amplitudes, fields.shape[0])
+        self._amplitudes = pool.each(amplitudes, fields.shape[0])
         squares = (arrays.as_type(a, "float64") ** 2 for planes in self._amplitudes for a in planes)
         self.energy = sum(map(arrays.total, squares))
         self.gain = None
 
     def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
-        """Return the loss, and its gradient with respect to the light; see `ComplexTarget.gradient`."""
+        """Return the loss, and its gradient with respect to the light, as `ComplexTarget.gradient` does.
+
+        g is within `back`, and all weights are 1 / `energy`.
+        """
         if self.gain is None:
-            self.gain, self._waves = 1.0, arrays.empty(light.shape, light.dtype, light)
+            self.gain, self._back = 1.0, arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
         (gain, rows, columns), xp = (self.gain, *self._shape), arrays.namespace(light)
         errors, matches, energies = np.zeros((3, light.shape[0]))
@@ -171,20 +189,20 @@ class AmplitudeTarget:
             for transfer, amplitude in zip(self._transfers, self._amplitudes[frame], strict=True):
                 wave = arrays.ifft2(spectrum * transfer, overwrite=True)
                 image = wave[:rows, :columns]
-                size = xp.abs(image)
-                error = gain * size - amplitude
+                magnitude = xp.abs(image)
+                error = gain * magnitude - amplitude
                 errors[frame] += _square(error)
-                matches[frame] += arrays.product(size, amplitude).real
-                energies[frame] += _square(size)
-                image *= gain * error / xp.maximum(size, 1e-20)
+                matches[frame] += arrays.product(magnitude, amplitude).real
+                energies[frame] += _square(magnitude)
+                image *= gain * error / xp.maximum(magnitude, MIN_MAGNITUDE)
                 wave[rows:, :] = 0.0
                 wave[:rows, columns:] = 0.0
                 back = back + xp.conj(transfer) * arrays.fft2(wave, overwrite=True)
-            self._waves[frame, ...] = arrays.ifft2(back, overwrite=True)[:rows, :columns]
+            self._back[frame, ...] = arrays.ifft2(back, overwrite=True)[:rows, :columns]
 
-        self._threads.each(compare, light.shape[0])
+        self._pool.each(compare, light.shape[0])
         self.gain = float(matches.sum() / energies.sum())
-        return errors.sum() / self.energy, self._waves, np.full(light.shape[0], 1 / self.energy, complex)
+        return errors.sum() / self.energy, self._back, np.full(light.shape[0], 1 / self.energy, complex)
 
 
 def _square(wave):

@@ -14,7 +14,7 @@ from ..pixels import EvenSteps, Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves import arrays
 from ..waves.arrays import PROCESSOR, Array
-from ..waves.propagation import TEACHING_GUARD, FreeSpace, commensurate, padded_shape
+from ..waves.propagation import OPTIMIZATION_GUARD, FreeSpace, commensurate, padded_shape
 from ..waves.target_images import TransferCache, Viewpoint
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ class Views:
     ) -> None:
         self.shape, self._places, self._on_wait = shape, places, on_wait
         farthest = max(abs(low), abs(high))
-        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
+        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, OPTIMIZATION_GUARD)))
         if places is not None:
             self.padded = commensurate(self.padded, places, MAX_STRIDE)
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]

@@ -10,6 +10,7 @@ from ..errors import InvalidInput
 from ..progress import Clock
 from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
+from ..scene.specular_chains import optics_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
 from .bake_store import Found, Stored
 from .camera_view import BakeRequest, CameraView
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..plan import Plan
     from ..progress import Progress
-    from ..scene.specular_chains import FirstHits, SpecularChains
     from .bake_store import BakeStore
 
 MAX_MISSING = 0.02  # fraction of the view: less is traced instead, after the camera moved
@@ -161,7 +161,6 @@ def bake(
     camera: Camera,
     hologram: Hologram,
     plan: Plan,
-    optics: FirstHits | SpecularChains,
     *,
     store: BakeStore | None = None,
     progress: Progress | None = None,
@@ -175,7 +174,6 @@ def bake(
     camera : Camera
     hologram : Hologram
     plan : Plan
-    optics : FirstHits or SpecularChains
     store : BakeStore, optional
     progress : callable, optional
         ``progress(done, message)``, may raise.
@@ -187,6 +185,7 @@ def bake(
     RadianceCache, Bake
     """
     progress = progress or (lambda done, message: None)
+    optics = optics_of(scene, camera, plan)
     clock = Clock()
     progress(0.0, "Looking for baked light")
     with clock("look"):

@@ -45,53 +45,37 @@ class PathTracer:
         self._glossy.type_mask, self._diffuse.type_mask = GLOSSY, DIFFUSE
 
     def radiance(
-        self,
-        scene: mi.Scene,
-        sampler: Sampler,
-        ray: mi.Ray3f,
-        surface: mi.PreliminaryIntersection3f,
-        whole: mi.Bool,
-        active: mi.Bool | bool = True,
-        parts: tuple[mi.Float, mi.Bool] | None = None,
+        self, scene: mi.Scene, sampler: Sampler, point: ImagePoint, active: mi.Bool | bool = True
     ) -> mi.Color3f:
-        """Radiance of one path along a ray from a surface that it met.
+        """Radiance of one path from an image point: the light that the point's branch shows.
 
         Parameters
         ----------
         scene : mitsuba.Scene
         sampler : Sampler
-        ray : mitsuba.Ray3f
-        surface : mitsuba.PreliminaryIntersection3f
-            Surface that the ray met.
-        whole : mitsuba.Bool
-            False leaves out the light of the surface's δ lobes.
+        point : ImagePoint
         active : mitsuba.Bool
-        parts : (mitsuba.Float, mitsuba.Bool), optional
-            Weight of the surface's glossy light, and whether its other light counts.
 
         Returns
         -------
         mitsuba.Color3f
         """
-        direct, indirect = self.by_vertices(scene, sampler, ray, surface, whole, DIRECT, active, parts)
+        direct, indirect = self.by_vertices(scene, sampler, point, DIRECT, active)
         return direct + self._limited(indirect)
 
     def by_vertices(
         self,
         scene: mi.Scene,
         sampler: Sampler,
-        ray: mi.Ray3f,
-        surface: mi.PreliminaryIntersection3f,
-        whole: mi.Bool,
+        point: ImagePoint,
         ends: tuple[int, ...],
         active: mi.Bool | bool = True,
-        parts: tuple[mi.Float, mi.Bool] | None = None,
     ) -> list[mi.Color3f]:
         """Light of one path by its numbers of vertices; the sum is `radiance` without its limit.
 
         Parameters
         ----------
-        scene, sampler, ray, surface, whole, active, parts
+        scene, sampler, point, active
             See `radiance`.
         ends : tuple of int
             Maximum vertices of each class of paths, in ascending order.
@@ -101,7 +85,8 @@ class PathTracer:
         list of mitsuba.Color3f
             Light of paths with up to ends[0] vertices, with more and up to ends[1], and so on, and of all longer ones.
         """
-        return self._follow(scene, _Path(ray, surface, sampler, active, ends), whole, parts).light
+        path = _Path(point.ray, point.surface, sampler, active, ends)
+        return self._follow(scene, path, point.whole, point.parts).light
 
     def scattered_light(
         self,
@@ -338,9 +323,7 @@ class PathsPerRay:
         """
 
         def body(number, total, sampler):
-            light = self.tracer.radiance(
-                scene, sampler, point.ray, point.surface, point.whole, point.exists, point.parts
-            )
+            light = self.tracer.radiance(scene, sampler, point, point.exists)
             light /= point.color
             return number + 1, total + dr.select(dr.isfinite(light), light, 0), sampler
 

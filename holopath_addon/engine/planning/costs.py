@@ -22,7 +22,7 @@ from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
 from ..waves.phase_fields import MAX_FRAMES, SETS
-from ..waves.propagation import TEACHING_GUARD, grid_bytes, padded_shape, stack_bytes
+from ..waves.propagation import OPTIMIZATION_GUARD, grid_bytes, padded_shape, stack_bytes
 from ..waves.target_images import MAX_TRANSFER_BYTES
 from .noise import estimated_rays
 from .planes import columns_of, mean_rays
@@ -357,7 +357,7 @@ class CostModel:
         size, volume = (hologram.height, hologram.width), survey.z_high - survey.z_low
         for wavelength in hologram.wavelengths:
             depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
-            padded = padded_shape(size, hologram.pitch, wavelength, farthest, TEACHING_GUARD)
+            padded = padded_shape(size, hologram.pitch, wavelength, farthest, OPTIMIZATION_GUARD)
             grids.append((math.prod(padded), min(MAX_DEPTHS, max(2, depths))))
         return grids
 

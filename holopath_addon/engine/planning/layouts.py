@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..plan import Decided, RecordingPlane
-from ..slabs import EVERYWHERE, RAMP, Slab, binned, overlapping, partitions
+from ..slabs import EVERYWHERE, RAMP_FRACTION, Slab, bin_depths, overlapping_slabs, partitions
 from ..tracing.kernel_table import Lattice, directions_of
 from ..tracing.regions import IMAGE_REACH, TILE, limit_of
 
@@ -149,7 +149,7 @@ class Scenery:
         layouts, images_of = [], {}  # by slab, as layouts share many
         surfaces = np.isfinite(self.places.first)
         for fit in self._fits(surfaces, "surfaces", min(max_planes - 1, MAX_SURFACE_PLANES)):
-            slabs = overlapping([(depths.low, depths.high) for depths in fit.ranges])
+            slabs = overlapping_slabs([(depths.low, depths.high) for depths in fit.ranges])
             for slab in slabs:
                 if slab not in images_of:
                     images_of[slab] = self._image_fits(slab)
@@ -178,12 +178,12 @@ class Scenery:
     def _layout(self, surfaces, images, sees):
         """`Layout` of the fit of surfaces, and of a fit of the images in each of their slabs, if any."""
         parts = []
-        slabs = overlapping([(depths.low, depths.high) for depths in surfaces.ranges])
+        slabs = overlapping_slabs([(depths.low, depths.high) for depths in surfaces.ranges])
         for number, (slab, depths) in enumerate(zip(slabs, surfaces.ranges, strict=True)):
             parts.append(PlannedPlane(sees, slab, EVERYWHERE, depths))
             if images and images[number].ranges:
                 ranges = images[number].ranges
-                bounds = overlapping([(depths.low, depths.high) for depths in ranges])
+                bounds = overlapping_slabs([(depths.low, depths.high) for depths in ranges])
                 parts += [
                     PlannedPlane("images", slab, bound, each)
                     for bound, each in zip(bounds, ranges, strict=True)
@@ -290,12 +290,12 @@ class Scenery:
         """`Fit` of 1, 2, ... up to `max_planes` planes for some places, each with the fewest rays."""
         places = self.places
         z = places.first if sees == "surfaces" else places.z
-        first, last, number = binned(z[where], FIT_BINS)
+        first, last, bin_of = bin_depths(z[where], FIT_BINS)
         cell, cells = self._cells(z, where)
         bins, chained = len(first), np.zeros(cells, bool)
         held = np.zeros((bins, cells), bool)
         recorded = np.ones(len(cell), bool) if sees != "surfaces" else ~places.chains[where]
-        held[number[recorded], cell[recorded]] = True
+        held[bin_of[recorded], cell[recorded]] = True
         chained[cell[places.chains[where]]] = sees != "surfaces"
         work = np.where(chained, CHAIN_RAY_COST * max(self.branches, 1), 1.0)
         # in each cell the first bin from i on, and the last one up to j, that holds anything
@@ -310,7 +310,7 @@ class Scenery:
         for i in range(bins):
             there, thickness = after[i] <= index[i:], last[i:] - first[i]
             z = place[i, i:, None]
-            limit = np.maximum(highs[i:] - z, z - lows[i]) + RAMP * thickness[:, None]
+            limit = np.maximum(highs[i:] - z, z - lows[i]) + RAMP_FRACTION * thickness[:, None]
             rays = there * work * self._estimated_rays(np.where(there, limit, 0), chained)
             cost[i, i:] = rays.mean(1)
 

@@ -343,9 +343,7 @@ class Pilot:
         """
         paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
         view = optics.view(self.scene, starts.ray, starts.branch, drawn=True)
-        found = tracer.by_vertices(
-            self.scene, paths, view.ray, view.surface, view.whole, VERTEX_COUNTS, parts=view.parts
-        )
+        found = tracer.by_vertices(self.scene, paths, view, VERTEX_COUNTS)
         through = dr.select(view.exists, 1, 0) / view.color
         if view.weight is not None:
             through *= view.weight

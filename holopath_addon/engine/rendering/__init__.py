@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..progress import Progress
 
+MAX_BAKED_SIZE = 2048  # pixels along a side of the image of `baked_picture`
+
 
 def render(
     scene: mi.Scene,
@@ -153,7 +155,6 @@ def baked_picture(
     store: BakeStore | None = None,
     progress: Progress | None = None,
     anew: bool = False,
-    max_size: int = 2048,
 ) -> tuple[np.ndarray, Bake]:
     """Bake the light in a camera's view, and draw the texture.
 
@@ -168,13 +169,11 @@ def baked_picture(
         ``progress(done, message)``, may raise `Cancelled`.
     anew : bool
         See `bake`.
-    max_size : int
-        Maximum pixels along a side of the image.
 
     Returns
     -------
     image : numpy.ndarray, float32, shape (y, x, 3)
-        Linear; row 0 is the top.
+        Linear; row 0 is the top. At most `MAX_BAKED_SIZE` pixels along a side.
     baked : Bake
 
     Raises
@@ -183,11 +182,9 @@ def baked_picture(
     """
     variants.activate_for(scene)
     from ..light.baking import bake
-    from ..scene.specular_chains import optics_of
 
     settings = replace(settings, method="fast")
     plan = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
     camera, hologram = widened(*traced(camera, hologram), plan.beside)
-    optics = optics_of(scene, camera, plan)
-    cache, baked = bake(scene, camera, hologram, plan, optics, store=store, progress=progress, anew=anew)
-    return cache.picture(max_size), baked
+    cache, baked = bake(scene, camera, hologram, plan, store=store, progress=progress, anew=anew)
+    return cache.picture(MAX_BAKED_SIZE), baked

@@ -77,12 +77,10 @@ class RenderContext:
         if not self.plan.cached:
             return
         from ..light.baking import bake
-        from ..scene.specular_chains import optics_of
 
         with self.clock("bake"):
-            optics = optics_of(self.scene, self.camera, self.plan)
             self.cache, self.baked = bake(
-                self.scene, self.camera, self.hologram, self.plan, optics, store=store, progress=progress
+                self.scene, self.camera, self.hologram, self.plan, store=store, progress=progress
             )
 
     @cached_property

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
+from typing import ParamSpec, TypeVar
+
+P, R = ParamSpec("P"), TypeVar("R")
 
 # Current names by kind of name and former name.
 FORMER_NAMES = {
+    "argument": {"aperture": "has_stop"},
     "setting": {"most_hits": "max_specular_depth"},
     "quality": {"full": "high"},
     "decision": {"grey": "gray"},
@@ -64,3 +68,16 @@ def with_current_names(
     for name, value in values.items():
         current[current_name(kind, name, tell)] = value
     return current
+
+
+def accepts_former_names(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function whose keyword arguments may have their former names."""
+
+    @wraps(function)
+    def with_former_names(*args: P.args, **kwargs: P.kwargs) -> R:
+        current = with_current_names("argument", kwargs)
+        if len(current) < len(kwargs):
+            raise TypeError(f"{function.__name__} got an argument by its former and its current name")
+        return function(*args, **current)  # pyrefly: ignore[bad-argument-type]  # the same values, by other names
+
+    return with_former_names

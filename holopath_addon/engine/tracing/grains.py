@@ -209,6 +209,28 @@ class Grains:
     binned: mi.Bool
 
 
+@dataclass(frozen=True)
+class SamplingPass:
+    """Rays through all pixels, for one purpose.
+
+    Attributes
+    ----------
+    kind : {'cells', 'light', 'textures'}
+        Finds cells that hold a surface, the light that it sends, or only what it reflects.
+    rays : int
+        Rays of a pixel.
+    first : int
+        Index of the first of them.
+    weight : float
+        Approximate fraction of the remaining work.
+    """
+
+    kind: str
+    rays: int
+    first: int
+    weight: float
+
+
 def unit_count(grid: GrainGrid, passes: int) -> int:
     """Number of units of work for `passes` rays through each pixel of a grid."""
     return math.ceil(grid.columns * grid.rows / _pixels(UNIT_PATHS, passes))
@@ -225,11 +247,10 @@ def grains_of(
     optics: FirstHits | SpecularChains,
     grid: GrainGrid,
     units: range,
-    passes: int,
+    sampling: SamplingPass,
     seed: int,
-    before: int,
 ) -> Grains:
-    """Trace the rays of some units to their grains; the same ones at every call, whatever units go together.
+    """Trace a pass's rays of some units to their grains; the same ones at every call, whatever units go together.
 
     Parameters
     ----------
@@ -237,21 +258,18 @@ def grains_of(
         Parameters of `measurement.Measurement`.
     units : range
         Numbers below `unit_count`.
-    passes : int
-        Rays of a pixel.
+    sampling : SamplingPass
     seed : int
-    before : int
-        Number of the first of these rays: rays that the pixel had before.
     """
-    size = _pixels(UNIT_PATHS, passes)
+    passes, size = sampling.rays, _pixels(UNIT_PATHS, sampling.rays)
     first = units.start * size
     count = min(len(units) * size, grid.columns * grid.rows - first)
     # the passes of a pixel side by side: rays that stay near each other are faster in fine meshes
     index, each = dr.arange(mi.UInt32, count * passes), dr.opaque(mi.UInt32, passes)
-    number = index % each + dr.opaque(mi.UInt32, before)
+    number = index % each + dr.opaque(mi.UInt32, sampling.first)
     pixel = index // each + dr.opaque(mi.UInt32, first)
     chunk = dr.opaque(mi.UInt32, _pixels(CHUNK_PATHS, passes))
-    own = dr.opaque(mi.UInt32, (seed * 9973 + 0x9E3779B1 * before) & 0xFFFFFFFF)
+    own = dr.opaque(mi.UInt32, (seed * 9973 + 0x9E3779B1 * sampling.first) & 0xFFFFFFFF)
     sampler = Sampler.seeded(own + pixel // chunk * chunk, pixel % chunk * each + index % each)
     jitter = sampler.next_2d()
     columns, margin = dr.opaque(mi.UInt32, grid.columns), dr.opaque(mi.Float, grid.margin)

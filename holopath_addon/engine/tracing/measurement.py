@@ -6,7 +6,7 @@ Integer sums and maxima make the results independent of the order of threads.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -16,7 +16,16 @@ from ..progress import paced
 from ..scene.variants import units_at_once
 from .filtering import Half, share_light
 from .grain_grid import RowIndex
-from .grains import CHUNK_PATHS, UNIT_PATHS, RadianceMap, grains_of, reflectance_of, row_of, unit_count
+from .grains import (
+    CHUNK_PATHS,
+    UNIT_PATHS,
+    RadianceMap,
+    SamplingPass,
+    grains_of,
+    reflectance_of,
+    row_of,
+    unit_count,
+)
 from .row_sums import ATOMIC, HALF, LIGHT, TEXTURE, RowSums, field_error
 from .tiles import Tiles
 
@@ -41,28 +50,6 @@ TRACING_WEIGHT = 0.9  # fraction of a pass's time for its rays; its evaluation t
 Totals = dict[str, Any]  # sums and maxima by name
 
 
-@dataclass(frozen=True)
-class SamplingPass:
-    """Rays through all pixels, for one purpose.
-
-    Attributes
-    ----------
-    kind : {'cells', 'light', 'textures'}
-        Finds cells that hold a surface, the light that it sends, or only what it reflects.
-    rays : int
-        Rays of a pixel.
-    first : int
-        Index of the first of them.
-    weight : float
-        Approximate fraction of the remaining work.
-    """
-
-    kind: str
-    rays: int
-    first: int
-    weight: float
-
-
 class Measurement:
     """Path tracing of the radiance of the grains in view, with each path for all pixels that see its grain.
 
@@ -80,7 +67,6 @@ class Measurement:
         `row_sums.field_error`.
     wavelengths : sequence of float
         Meters; a radiance each.
-    seed : int
     """
 
     def __init__(
@@ -91,12 +77,10 @@ class Measurement:
         tracer: PathTracer,
         grid: GrainGrid,
         plan: Plan,
-        *,
         wavelengths: Sequence[float],
-        seed: int,
     ) -> None:
         self._scene, self._rays, self._optics, self._tracer = scene, rays, optics, tracer
-        self._grid, self._plan, self._wavelengths, self._seed = grid, plan, wavelengths, seed
+        self._grid, self._plan, self._wavelengths = grid, plan, wavelengths
         # unit of radiance, so that squares are whole numbers of steps, too
         self._unit = plan.white if 0 < plan.white < math.inf else 1.0
         self._scale = dr.opaque(mi.Float, 1 / self._unit)
@@ -128,18 +112,9 @@ class Measurement:
         """Trace a pass; return its totals, those of light with the rounds before."""
         add = {"cells": self._add_cells, "light": self._add_light, "textures": self._add_textures}
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
-        count = unit_count(self._grid, sampling.rays)
+        count, seed = unit_count(self._grid, sampling.rays), self._plan.settings.seed
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
-            grains = grains_of(
-                self._scene,
-                self._rays,
-                self._optics,
-                self._grid,
-                some,
-                sampling.rays,
-                self._seed,
-                sampling.first,
-            )
+            grains = grains_of(self._scene, self._rays, self._optics, self._grid, some, sampling, seed)
             add[sampling.kind](grains, totals)
             dr.eval(totals)
             dr.sync_thread()
@@ -166,9 +141,7 @@ class Measurement:
 
     def _add_light(self, grains, totals):
         scene, point = self._scene, grains.point
-        light = self._tracer.radiance(
-            scene, grains.sampler, point.ray, point.surface, point.whole, parts=point.parts
-        )
+        light = self._tracer.radiance(scene, grains.sampler, point)
         light *= self._scale / point.color
         row, inside = row_of(grains, self._grid, self._index, self._occupied)
         inside &= dr.all(dr.isfinite(light))

@@ -104,7 +104,7 @@ class Recording:
 
     def _measurement(self):
         """The `Measurement` of the map of grains."""
-        plan, hologram, settings = self.plan, self.hologram, self.plan.settings
+        plan, hologram = self.plan, self.hologram
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
         cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
         grid = GrainGrid(*size, *cells, slope, self.optics.branches)
@@ -113,16 +113,7 @@ class Recording:
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
         wavelengths = hologram.wavelengths[:1] if plan.gray else hologram.wavelengths
-        return Measurement(
-            self.scene,
-            rays,
-            self.optics,
-            self.tracer,
-            grid,
-            plan,
-            wavelengths=wavelengths,
-            seed=settings.seed,
-        )
+        return Measurement(self.scene, rays, self.optics, self.tracer, grid, plan, wavelengths)
 
     @property
     def canvas(self) -> tuple[int, int]:

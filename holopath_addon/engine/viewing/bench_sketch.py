@@ -222,7 +222,7 @@ def drawing(
     texts = [Text(x, top - GAP * unit - y, text) for x, y, text in above]
     texts += [Text(x, bottom + row + y, text) for x, y, text in below]
     foot = bottom + lanes_below * row + 1.6 * row
-    bars, words = _scales(bench, along, across, times, foot, measure, font, wide)
+    bars, words = _scales(bench, along, times, foot, measure, font, wide)
     lines, texts = lines + bars, texts + words
     height = max(text.y for text in words) + 0.5 * row
     if optics.stopped:
@@ -344,12 +344,12 @@ def _labels(marks, wide, measure, row):
     return labels, len(ends)
 
 
-def _scales(bench, along, across, times, foot, measure, font, wide):
+def _scales(bench, along, times, foot, measure, font, wide):
     """A scale bar along the axis, one across it, and a text that compares them."""
     lines, texts, x = [], [], 1.0
     bars = [
         (along, 0.15 * (bench.end - bench.start), "along", (1, 0)),
-        (across, 0.35 * bench.high, "across", (0, -1)),
+        (along * times, 0.35 * bench.high, "across", (0, -1)),
     ]
     for scale, limit, word, direction in bars:
         length = _round_number(limit)

@@ -100,7 +100,6 @@ def pinhole_pictures(
     points: Sequence | np.ndarray,
     spp: int = 256,
     max_depth: int = 8,
-    seed: int = 0,
     progress: Progress | None = None,
     focus: float | None = None,
 ) -> np.ndarray:
@@ -117,7 +116,7 @@ def pinhole_pictures(
         Meters to the right and up of the camera's axis.
     spp : int
         Number of paths for each pixel, rounded up to a multiple of 16.
-    max_depth, seed : int
+    max_depth : int
         As in `Settings`.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
@@ -140,7 +139,7 @@ def pinhole_pictures(
     camera, hologram = squared(camera, hologram)
     size = hologram.width, hologram.height
     channels = [channel(w) for w in hologram.wavelengths]
-    preview = Preview(scene, camera, *size, max_depth=max_depth, seed=seed)
+    preview = Preview(scene, camera, *size, max_depth=max_depth)
     images = np.empty((len(points), *reversed(size), len(channels)), np.float32)
     steps = -(-spp // PATHS_PER_STEP)
     for k, point in enumerate(points):

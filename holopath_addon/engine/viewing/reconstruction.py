@@ -19,7 +19,7 @@ from ..waves import arrays
 from ..waves.lens import Collins, behind_lens
 from ..waves.panels import at_panel
 from ..waves.propagation import (
-    JUDGING_GUARD,
+    EVALUATION_GUARD,
     circular_band,
     commensurate,
     field_of,
@@ -189,7 +189,7 @@ class Refocuser:
         # spectra are those of the SLM's pixels, or of the image's behind its lens
         self.field, self._grid = field, field.hologram.in_air
         self._own, self._max_apart = own_pixels or self._grid.plain, max_apart
-        self._max_bytes, self._guard = max_bytes, JUDGING_GUARD if field.modulated else 0
+        self._max_bytes, self._guard = max_bytes, EVALUATION_GUARD if field.modulated else 0
         self._lenses = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
         self._transfers = {}  # of each wavelength the latest one, with its shape and distance

@@ -10,7 +10,7 @@ import numpy as np
 from . import arrays
 from .arrays import PROCESSOR, Array
 from .phase_fields import SETS, designed_phasors
-from .supervision import Adam, Frames, supervise
+from .supervision import Adam, FramePool, supervise
 from .target_images import TargetImages, spread_viewpoints
 
 if TYPE_CHECKING:
@@ -69,20 +69,20 @@ def despeckle(fields: Array, targets: TargetImages, steps: int, seed: int, progr
     adam = Adam(values.shape, on=values)
     longest = RATE * math.sqrt(float(arrays.namespace(values).mean(values**2)))
     energy = targets.energy
-    with Frames() as threads:
+    with FramePool() as pool:
         for step in range(steps):
-            spectra = targets.spectra(arrays.of_pairs(values), threads)
+            spectra = targets.spectra(arrays.of_pairs(values), pool)
             chosen = [targets.target(number) for number in rng.choice(len(targets), VIEWS, replace=False)]
-            _, gradient = supervise(spectra, chosen, energy, {frames: 1.0}, threads)
+            _, gradient = supervise(spectra, chosen, energy, {frames: 1.0}, pool)
 
             def slope(frame, gradient=gradient):
                 part = arrays.ifft2(gradient[frame, ...], norm="forward")[:rows, :columns]
                 return 2 * arrays.pairs(part)
 
-            slopes = threads.each(slope, frames)
-            adam.step(values, slopes, Adam.rate(step, steps, longest), threads)
+            slopes = pool.each(slope, frames)
+            adam.step(values, slopes, Adam.rate(step, steps, longest), pool)
             progress((step + 1) / steps)
         # the loss does not depend on the scale of the fields
-        spectra = targets.spectra(arrays.of_pairs(values), threads)
+        spectra = targets.spectra(arrays.of_pairs(values), pool)
     current_energy = sum(arrays.product(s, s).real for s in spectra) / (targets.space.band.size * frames)
     return arrays.of_pairs(values) * math.sqrt(energy / current_energy)

@@ -26,7 +26,7 @@ MAX_MEMORY_FRACTION = 1 / 16  # of the machine's memory for fields that are prop
 # of it wraps around: for the optimization of phases, and for the evaluation of images. The rest falls slowly, as band
 # limits are sharp. Of random phases at 256 x 256 it is 2e-3 of the energy without a guard band, 5e-4 and 1.6e-4 with
 # these.
-TEACHING_GUARD, JUDGING_GUARD = 96, 256
+OPTIMIZATION_GUARD, EVALUATION_GUARD = 96, 256
 INFRARED = 1.6e-6  # meters; shorter than the pitch of most panels
 WHOLE = 1e-8  # deviation, in pixels of a grid, up to which a step divides the grid
 BYTES = 40  # for a pixel of a padded grid: spectrum, transfer function, their product, and memory of FFTs
@@ -209,7 +209,7 @@ def padded_shape(
     wavelength, distance : float
         Meters.
     guard : int
-        Pixels of guard band, `TEACHING_GUARD` or `JUDGING_GUARD` for light of a modulator.
+        Pixels of guard band, `OPTIMIZATION_GUARD` or `EVALUATION_GUARD` for light of a modulator.
     """
     spread = math.tan(math.asin(wavelength / (2 * coarsest(pitch)))) * abs(distance)
     walks = [math.ceil(spread / d) + 8 for d in axes(pitch)]
@@ -498,7 +498,7 @@ def propagate(
         )
     field = arrays.known(field)
     shape = field.shape[-2:]
-    padded = padded_shape(shape, pitch, wavelength, distance, JUDGING_GUARD)
+    padded = padded_shape(shape, pitch, wavelength, distance, EVALUATION_GUARD)
     transfer = transfer_function(padded, pitch, wavelength, distance, band, on=field)
     transfer = transfer * carrier(wavelength, distance)
     out, xp = arrays.empty((math.prod(field.shape[:-2]), *shape), "complex64", field), arrays.namespace(field)

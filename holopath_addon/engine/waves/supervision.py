@@ -40,7 +40,7 @@ class TargetImage:
     weight: Array
 
 
-class Frames:
+class FramePool:
     """Thread pool for frames; a context manager."""
 
     def __enter__(self):
@@ -88,7 +88,7 @@ def supervise(
     images: Sequence[TargetImage],
     energy: float,
     stages: dict[int, float],
-    threads: Frames,
+    pool: FramePool,
 ) -> tuple[dict[int, float], Array]:
     """Compute the loss of the frames' mean intensity, and its gradient with respect to the spectra.
 
@@ -106,7 +106,7 @@ def supervise(
         Sum over pixels of the intensity of a field that shows the targets.
     stages : dict of int to float
         Weight of the mean of the first m frames, by m.
-    threads : Frames
+    pool : FramePool
 
     Returns
     -------
@@ -117,19 +117,17 @@ def supervise(
     """
     frames, shape, xp = len(spectra), spectra[0].shape, arrays.namespace(spectra[0])
     pixels = math.prod(shape)
-    energies = threads.each(
-        lambda frame: arrays.product(spectra[frame], spectra[frame]).real / pixels, frames
-    )
+    energies = pool.each(lambda frame: arrays.product(spectra[frame], spectra[frame]).real / pixels, frames)
     scales = np.cumsum(energies) / energy  # m c
     losses = dict.fromkeys(stages, 0.0)
     drift = np.zeros(frames)
     waves, gradient = (arrays.empty((frames, *shape), "complex64", spectra[0]) for _ in range(2))
     for number, image in enumerate(images):
-        _propagate(waves, spectra, image.transfer, threads)
+        _propagate(waves, spectra, image.transfer, pool)
         slopes: list = [None] * frames
         mask = arrays.as_type(image.weight > 0, "float32")
         target_energy = arrays.total(image.target * mask)
-        for count, total in _sums(waves, stages, threads).items():
+        for count, total in _sums(waves, stages, pool).items():
             last, stage = count - 1, stages[count]
             brightness = arrays.total(total * mask) / target_energy  # m b
             normalized = total / brightness
@@ -154,7 +152,7 @@ def supervise(
                 part *= adjoint
                 slope += part
 
-        threads.each(back, frames)
+        pool.each(back, frames)
     drift = np.cumsum(drift[::-1])[::-1]
 
     def scale(frame):
@@ -162,11 +160,11 @@ def supervise(
         slope -= float(drift[frame]) * spectra[frame]
         slope *= 1 / pixels
 
-    threads.each(scale, frames)
+    pool.each(scale, frames)
     return losses, gradient
 
 
-def _propagate(waves, spectra, transfer, threads):
+def _propagate(waves, spectra, transfer, pool):
     """Propagate each frame to an image's plane, into `waves`."""
 
     def propagate(frame):
@@ -174,7 +172,7 @@ def _propagate(waves, spectra, transfer, threads):
         arrays.put(wave, arrays.namespace(wave).multiply, spectra[frame], transfer)
         waves[frame, ...] = arrays.ifft2(wave, overwrite=True)
 
-    threads.each(propagate, len(spectra))
+    pool.each(propagate, len(spectra))
 
 
 def _slopes_of_frames(slopes):
@@ -188,7 +186,7 @@ def _slopes_of_frames(slopes):
     return factors[::-1]
 
 
-def _sums(waves, stages, threads):
+def _sums(waves, stages, pool):
     """Sums of the intensities of the first frames, by the numbers of frames in `stages`."""
     sums = {count: arrays.empty(waves.shape[1:], "float32", waves) for count in sorted(stages)}
     xp = arrays.namespace(waves)
@@ -204,7 +202,7 @@ def _sums(waves, stages, threads):
             if count in sums:
                 sums[count][rows, :] = total
 
-    threads.each(add, len(parts))
+    pool.each(add, len(parts))
     return sums
 
 
@@ -237,7 +235,7 @@ class Adam:
         """Length of step number `step` of `steps`: it rises at once, and falls as a cosine."""
         return highest * min(1, (step + 1) / cls.WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
-    def step(self, values: Array, gradient: Sequence[Array], rate: float, threads: Frames) -> None:
+    def step(self, values: Array, gradient: Sequence[Array], rate: float, pool: FramePool) -> None:
         """Take a step of length `rate` against the gradient, a sequence of frames; `values` change in place."""
         self.count += 1
         first, second = self.decays
@@ -250,4 +248,4 @@ class Adam:
             square += (1 - second) * (slope * slope - square)
             values[frame, ...] -= length * mean / (xp.sqrt(square * spread) + 1e-12)
 
-        threads.each(move, len(gradient))
+        pool.each(move, len(gradient))

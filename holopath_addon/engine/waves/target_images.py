@@ -11,7 +11,7 @@ from ..pixels import Pitch, coarsest, frequencies
 from . import arrays
 from .arrays import PROCESSOR, Array
 from .propagation import FreeSpace, padded_shape
-from .supervision import Frames, TargetImage, relative
+from .supervision import FramePool, TargetImage, relative
 
 PARTS = 2  # parts of the pupil at each depth, besides the whole
 PART = 0.5  # radius of a part in terms of the pupil's
@@ -113,7 +113,7 @@ class TargetImages:
         Meters.
     viewpoints : list of Viewpoint
     guard : int
-        Pixels of guard band around the fields, `TEACHING_GUARD` for phases that are optimized to show the images.
+        Pixels of guard band around the fields, `OPTIMIZATION_GUARD` for phases that are optimized to show the images.
     on : array, optional
         Array whose library and device compute. Default: NumPy.
 
@@ -149,17 +149,17 @@ class TargetImages:
         """Return the transfer function from the fields' spectra to that of an image; see `TransferCache`."""
         return self._transfers(self.viewpoints[number])
 
-    def spectra(self, fields: Array, threads: Frames) -> list[Array]:
+    def spectra(self, fields: Array, pool: FramePool) -> list[Array]:
         """Return the spectra of fields of shape (frames, y, x), cut to the band."""
         band = arrays.mask(self.space.band, fields)
-        return threads.each(lambda n: arrays.fft2(fields[n, ...], self.padded) * band, fields.shape[0])
+        return pool.each(lambda n: arrays.fft2(fields[n, ...], self.padded) * band, fields.shape[0])
 
     def add(self, fields: Array) -> None:
         """Add frames to the mean of the target images; fields of shape (frames, y, x)."""
         rows, columns = self.shape
         before, self._frames = self._frames, self._frames + fields.shape[0]
-        with Frames() as threads:
-            spectra = self.spectra(fields, threads)
+        with FramePool() as pool:
+            spectra = self.spectra(fields, pool)
 
             def add_to_image(number):
                 transfer, total = self.transfer(number), float(before) * self.targets[number, ...]
@@ -168,7 +168,7 @@ class TargetImages:
                     total += arrays.intensity(wave)
                 self.targets[number, ...] = total / float(self._frames)
 
-            threads.each(add_to_image, len(self))
+            pool.each(add_to_image, len(self))
         energy = sum(arrays.product(s, s).real for s in spectra) / self.space.band.size
         self.energy = (self.energy * before + energy) / self._frames
 

@@ -27,6 +27,7 @@ _CLEAR = {"type": "null"}
 _WHITE = (1.0, 1.0, 1.0)
 
 # Closures that serve both sides of a surface by themselves
+MAX_SHADERS = 1000  # that are read of a material: each Add Shader may have twice those of the one before
 _TWO_SIDED = {"null", "clear", "gloss", "glass", "sheen", "matt"}
 
 
@@ -110,8 +111,10 @@ def export_material(material, textures, baked):
     with textures.reading(reading, notes):
         try:
             look, uv_names = read_material(material, textures, notes)
-        except RecursionError:
-            notes.add(name, "Nodes linked in a circle", "shown in the default gray")
+        except (RecursionError, _TooManyShaders) as error:
+            circle = isinstance(error, RecursionError)
+            feature = "Nodes linked in a circle" if circle else f"Over {MAX_SHADERS} shaders in one material"
+            notes.add(name, feature, "shown in the default gray")
             look, uv_names = read_material(None, textures, notes)
         if look.emission is not None and not np.any(textures.mean_color(look.emission) > 0):
             look.emission = None
@@ -148,6 +151,10 @@ def read_material(material, textures, notes):
     return reader.read(), reader.uv_names
 
 
+class _TooManyShaders(Exception):
+    """A material's shaders are more than `MAX_SHADERS`."""
+
+
 class _ShaderReader:
     """Reader of a material's node tree, which makes an `Appearance`."""
 
@@ -160,6 +167,7 @@ class _ShaderReader:
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
+        self._shaders = 0
         self._has_displacement = False
         self._emission_pressing = False  # emission of more than one texture
 
@@ -207,6 +215,9 @@ class _ShaderReader:
         return self._blend(look, self._metal(color, _WHITE, gloss), material.metallic)
 
     def _shader(self, source):
+        self._shaders += 1
+        if self._shaders > MAX_SHADERS:
+            raise _TooManyShaders
         node = source.node
         reader = getattr(self, "_read_" + node.bl_idname.removeprefix("ShaderNode"), None)
         if reader is None or node.mute:

@@ -95,17 +95,22 @@ def alphas_upstream(*pins):
 
 
 def all_nodes(owner):
-    """Yield every node of a material or tree, those within its groups too.
+    """Yield every node of a material or tree, those within its groups too; of a group once, however often it is used.
 
     Parameters
     ----------
     owner : bpy.types.Material or bpy.types.NodeTree
     """
-    tree = getattr(owner, "node_tree", owner)
-    for node in tree.nodes if tree is not None else ():
-        yield node
-        if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
-            yield from all_nodes(node.node_tree)
+    waiting, visited = [getattr(owner, "node_tree", owner)], set()
+    while waiting:
+        tree = waiting.pop()
+        if tree is None or tree in visited:
+            continue
+        visited.add(tree)
+        for node in tree.nodes:
+            yield node
+            if node.bl_idname == "ShaderNodeGroup":
+                waiting.append(node.node_tree)
 
 
 def attributes_read(owner, kind):

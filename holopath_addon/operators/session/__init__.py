@@ -6,6 +6,7 @@ import bpy
 
 from ...blender import properties
 from ...blender.properties.optics import on_bench_change
+from ..long_modal import forget_paused
 from .images import IMAGE, PHASE, TEXTURE, redraw, rgba_rows, show_phase, show_texture, to_rgba, write_image
 from .refocusing import (
     is_refocusing,
@@ -85,6 +86,7 @@ def _stop_work(*_):
             job.wait(5.0)
     restore_window()
     stop_sweep()
+    forget_paused()
 
 
 @bpy.app.handlers.persistent

@@ -8,7 +8,7 @@ from .state import current
 
 
 def running():
-    """Whether a hologram is being rendered, or light baked."""
+    """Whether a job is at work in its thread."""
     return current.job is not None and current.job.running
 
 

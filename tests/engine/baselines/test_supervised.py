@@ -22,11 +22,11 @@ METHODS = ("rgbd", *DESCENTS)
 
 
 @pytest.fixture
-def threads():
-    from holopath_addon.engine.waves.supervision import Frames
+def pool():
+    from holopath_addon.engine.waves.supervision import FramePool
 
-    with Frames() as threads:
-        yield threads
+    with FramePool() as pool:
+        yield pool
 
 
 def display(wavelengths=(GREEN,), side=SIDE):
@@ -212,7 +212,7 @@ def test_phases_of_one_modulus_that_get_better(build, camera, method):
     assert quality[4, 100] > quality[1, 100] + (1 if method == "light-field" else -0.5)
 
 
-def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
+def test_descent_lowers_the_loss_and_keeps_the_brightness(pool):
     """Images that phases can show: those of other phases."""
     rng = np.random.default_rng(5)
     pictures = TargetImages((64, 80), 8e-6, GREEN, [Viewpoint(1e-3), Viewpoint(2e-3), Viewpoint(3e-3)])
@@ -227,7 +227,7 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
         reports = []
         light = phases_for(job, lambda k, on: pictures, lambda done, what: reports.append(done))[:, 0]  # noqa: B023
         assert len(reports) == steps and reports == sorted(reports) and reports[-1] == 1
-        mean = FrameMean(pictures, 1.0, threads)
+        mean = FrameMean(pictures, 1.0, pool)
         losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
         shown = [mean.image(light, number) for number in range(3)]
         assert np.mean(shown) == pytest.approx(pictures.targets.mean(), rel=0.05)

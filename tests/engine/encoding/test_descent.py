@@ -19,7 +19,7 @@ from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 from holopath_addon.engine.waves.target_images import TargetImages, Viewpoint
 from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Encoding
@@ -61,16 +61,16 @@ def smooth(frames, seed=0, shape=(64, 64)):
 
 
 @pytest.fixture
-def threads():
-    with Frames() as threads:
-        yield threads
+def pool():
+    with FramePool() as pool:
+        yield pool
 
 
-def targets_of(kind, fields, threads):
+def targets_of(kind, fields, pool):
     """``gradient(light)`` of a loss, and the light as it depends on phases."""
     if kind == "amplitude":
-        return AmplitudeTarget(fields, PITCH, GREEN, [1e-3, 2e-3, 3e-3], threads)
-    return ComplexTarget(fields, kind == "aperture", threads)
+        return AmplitudeTarget(fields, PITCH, GREEN, [1e-3, 2e-3, 3e-3], pool)
+    return ComplexTarget(fields, kind == "stop", pool)
 
 
 @pytest.mark.parametrize("kind", ["flat", "random"])
@@ -130,10 +130,8 @@ def test_amplitude_supervision_tells_what_is_true():
     assert true > 38 and last == pytest.approx(true, abs=1.5)  # 44.6 for 33 on a grid without a guard band
 
 
-@pytest.mark.parametrize(
-    "kind", ["aperture", "no aperture", "amplitude", "frame mean", "views", "views elsewhere"]
-)
-def test_gradient_against_finite_differences(library, kind, threads):
+@pytest.mark.parametrize("kind", ["stop", "no stop", "amplitude", "frame mean", "views", "views elsewhere"])
+def test_gradient_against_finite_differences(library, kind, pool):
     """Along random directions, in double precision, on sides that are odd and unequal."""
     rng = np.random.default_rng(3)
     fields = band_limited((27, 40), frames=3)[:, 0]
@@ -144,7 +142,7 @@ def test_gradient_against_finite_differences(library, kind, threads):
         whole = made(fields.astype(np.complex64))
         pictures = TargetImages(fields.shape[-2:], PITCH, GREEN, viewpoints, on=whole)
         pictures.add(whole)
-        mean = FrameMean(pictures, 1.3, threads)
+        mean = FrameMean(pictures, 1.3, pool)
 
         def gradient(light):
             loss, back = mean.gradient(light, 1)
@@ -166,8 +164,8 @@ def test_gradient_against_finite_differences(library, kind, threads):
             back = view_losses.gradient(light, chosen)
             return sum(share * view_losses.losses[n] for n, share in chosen), back, np.ones(3)
     else:
-        target = targets_of(kind, made(fields), threads)
-        target.gradient(Phases(made(start), threads).light)
+        target = targets_of(kind, made(fields), pool)
+        target.gradient(Phases(made(start), pool).light)
         held = vars(target).copy()
 
         def gradient(light):  # the scale stays as it is: it follows a step later
@@ -176,8 +174,8 @@ def test_gradient_against_finite_differences(library, kind, threads):
                     setattr(target, name, held[name])
             return target.gradient(light)
 
-    loss, back, factors = gradient(Phases(made(start), threads).light)
-    phases = Phases(made(start), threads)
+    loss, back, factors = gradient(Phases(made(start), pool).light)
+    phases = Phases(made(start), pool)
     light, slopes = np.asarray(phases.light), np.asarray(back) * np.reshape(factors, (-1, 1, 1))
     slope = 2 * (light.conj() * slopes).imag
     assert slope.dtype == np.float64 and loss > 0
@@ -186,8 +184,8 @@ def test_gradient_against_finite_differences(library, kind, threads):
     np.testing.assert_allclose(moved, -1e-3 * np.sign(slope), atol=1e-5)
     for _ in range(3):
         direction, step = rng.normal(size=start.shape), 1e-5
-        ahead = gradient(Phases(made(start + step * direction), threads).light)[0]
-        behind = gradient(Phases(made(start - step * direction), threads).light)[0]
+        ahead = gradient(Phases(made(start + step * direction), pool).light)[0]
+        behind = gradient(Phases(made(start - step * direction), pool).light)[0]
         assert (ahead - behind) / (2 * step) == pytest.approx((slope * direction).sum(), rel=1e-4)
 
 
@@ -406,7 +404,7 @@ def test_what_does_not_fit():
         ({"max_steps": 0}, "one step"),
         ({"method": "refine"}, "needs extra frames of the scene"),
         ({"start": 3}, "the start 'arg', 'dpac' or a PhaseHologram, got int"),
-        ({"method": "joint", "aperture": False}, "only sgd"),
+        ({"method": "joint", "has_stop": False}, "only sgd"),
     ):
         with pytest.raises(engine.InvalidInput, match=says):
             engine.encode(field, **options)
@@ -808,7 +806,7 @@ def test_refinement_for_few_bits(bits):
 
 def test_whole_views_are_pictures_where_colors_lie_apart(monkeypatch):
     """Their samples are the image's pixels, between those of the panel, as in `reconstruct`."""
-    monkeypatch.setattr(views_module, "TEACHING_GUARD", 0)
+    monkeypatch.setattr(views_module, "OPTIMIZATION_GUARD", 0)
     shape, optics = (47, 64), engine.Optics(color_scale=(1.03,), color_shift=((9e-6, -3e-6),))
     hologram = engine.Hologram(64, 47, (0.8 * PITCH, PITCH), (GREEN,), 1e-3, 3e-3, optics=optics)
     field = replace(wave_field(band_limited(shape, frames=2)), hologram=hologram)
@@ -824,12 +822,12 @@ def test_whole_views_are_pictures_where_colors_lie_apart(monkeypatch):
 def test_views_are_those_of_a_field(monkeypatch):
     """Whole ones as `reconstruct` shows them, parts as `TargetImages` at every second or fourth pixel."""
     monkeypatch.setattr(
-        views_module, "TEACHING_GUARD", 0
+        views_module, "OPTIMIZATION_GUARD", 0
     )  # the grid of a field that has not been through an SLM
     shape = 47, 63  # whose padded ones are alike
     field = wave_field(band_limited(shape, frames=3))
     views = Views(shape, PITCH, GREEN, 1e-3, 2e-3, frames=3, seed=3)
-    with Frames():
+    with FramePool():
         for m in range(3):
             views.add(field.data[m : m + 1, 0])
     image = engine.reconstruct(field, [math.inf])[0, ..., 0]

@@ -15,6 +15,7 @@ def test_path_tracer_agrees_with_mitsuba(build):
     import drjit as dr
 
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     mi, scene, rays = build.mi, build.closed_box(), 1 << 17
     sampler = mi.load_dict({"type": "independent"})
@@ -24,8 +25,8 @@ def test_path_tracer_agrees_with_mitsuba(build):
     for depth in (2, 8):
         path = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 8})
         theirs, _, _ = path.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
-        surface = scene.ray_intersect_preliminary(ray)
-        ours = PathTracer(depth).radiance(scene, sampler, ray, surface, mi.Bool(True))
+        point = FirstHits(coherent=False).view(scene, ray, mi.UInt32(0))
+        ours = PathTracer(depth).radiance(scene, sampler, point)
         theirs, ours = (np.stack([np.asarray(c) for c in light]) for light in (theirs, ours))
         error = np.sqrt((theirs.var(1) + ours.var(1)) / rays)
         assert (abs(theirs.mean(1) - ours.mean(1)) <= 4 * error).all(), depth
@@ -36,6 +37,7 @@ def test_light_by_vertices_is_that_of_shorter_paths(build):
     import drjit as dr
 
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     mi, scene, rays, ends = build.mi, build.closed_box(), 1 << 10, (1, 2, 4)
 
@@ -44,10 +46,8 @@ def test_light_by_vertices_is_that_of_shorter_paths(build):
         sampler.seed(1, rays)
         u = 2 * sampler.next_2d() - 1
         ray = mi.Ray3f(mi.Point3f(0), dr.normalize(mi.Vector3f(0.5 * u.x, 0.5 * u.y, -1)))
-        found = tracer.by_vertices(
-            scene, sampler, ray, scene.ray_intersect_preliminary(ray), mi.Bool(True), ends or (1,)
-        )
-        return np.array(found)
+        point = FirstHits(coherent=False).view(scene, ray, mi.UInt32(0))
+        return np.array(tracer.by_vertices(scene, sampler, point, ends or (1,)))
 
     bands = light(PathTracer(6), *ends)
     assert (bands[1:].max((1, 2)) > 0).all()
@@ -61,6 +61,7 @@ def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
     import drjit as dr
 
     from holopath_addon.engine.light import path_tracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     mi, rays, rng = build.mi, 1 << 16, np.random.default_rng(0)
     parts = {"wall": build.plane(1.2, build.diffuse({"type": "rgb", "value": [0.7, 0.5, 0.2]}), 2.0)}
@@ -81,8 +82,8 @@ def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
         return np.stack([np.asarray(c) for c in trace(sampler, ray)])
 
     def ours(sampler, ray):
-        tracer, surface = path_tracer.PathTracer(3), scene.ray_intersect_preliminary(ray)
-        return tracer.radiance(scene, sampler, ray, surface, mi.Bool(True))
+        point = FirstHits(coherent=False).view(scene, ray, mi.UInt32(0))
+        return path_tracer.PathTracer(3).radiance(scene, sampler, point)
 
     path = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 8})
     theirs = light_of(lambda s, ray: path.sample(scene, s, mi.RayDifferential3f(ray), None, True)[0], 1)

@@ -26,14 +26,12 @@ def few_lanes(monkeypatch):
 def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     """The cache of a view, with texels of a known noise, of which a region has dozens, and what was done."""
     from holopath_addon.engine.light import baking
-    from holopath_addon.engine.scene.specular_chains import optics_of
 
     settings = engine.Settings(**{"method": "fast", "frames": FRAMES, **settings})
     plan = engine.plan(scene, camera, HOLOGRAM, settings, store)
     assert plan.cached == (settings.max_depth > 1)
     plan = replace(plan, texel_noise=noise, texel_samples=256)
-    optics = optics_of(scene, camera, plan)
-    return baking.bake(scene, camera, HOLOGRAM, plan, optics, store=store, progress=progress)
+    return baking.bake(scene, camera, HOLOGRAM, plan, store=store, progress=progress)
 
 
 @pytest.mark.slow
@@ -81,11 +79,11 @@ def averages(light, each):
 def cached(build, scene, camera, cache, depth=8, each=32):
     """Radiance by the cache."""
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     ray, sampler = rays(build, camera, each)
-    surface = scene.ray_intersect_preliminary(ray)
-    tracer = PathTracer(depth, cache=cache)
-    return averages(tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(True)), each)
+    point = FirstHits(coherent=False).view(scene, ray, build.mi.UInt32(0))
+    return averages(PathTracer(depth, cache=cache).radiance(scene, sampler, point), each)
 
 
 def truth(build, scene, camera, depth=8, each=256):
@@ -231,6 +229,7 @@ def test_split_adds_up_on_every_surface(build, camera, depth):
 def test_branches_of_a_clear_coat_add_up(build, camera):
     """Without its δ lobe a coat shows what it scatters, also by the cache."""
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     coat = {"bsdf": {"type": "plastic", "diffuse_reflectance": rgb(0.5, 0.3, 0.2)}}
     scene = stage(build, coat, sky={"type": "constant", "radiance": build.gray(1.0)})
@@ -239,9 +238,9 @@ def test_branches_of_a_clear_coat_add_up(build, camera):
     for known in (cache, None):
         for whole in (True, False):
             ray, sampler = rays(build, camera, 32)
-            surface = scene.ray_intersect_preliminary(ray)
-            tracer = PathTracer(8, cache=known)
-            colors = tracer.radiance(scene, sampler, ray, surface, build.mi.Bool(whole))
+            point = FirstHits(coherent=False).view(scene, ray, build.mi.UInt32(0))
+            point.whole = build.mi.Bool(whole)
+            colors = PathTracer(8, cache=known).radiance(scene, sampler, point)
             light[known is cache, whole] = averages(colors, 32)[: SIZE // 2].mean()
     assert light[True, True] == pytest.approx(light[False, True], rel=0.02)
     assert light[True, False] == pytest.approx(light[False, False], rel=0.02)

@@ -172,6 +172,7 @@ def pictured(mi, scene, integrator):
 def test_shadows_are_those_of_a_real_emitter(mi, shape):
     """A floor under a card: our path tracer and the lamp, Mitsuba's `path` and an emitting shape that rays meet."""
     from holopath_addon.engine.light.path_tracer import PathTracer
+    from holopath_addon.engine.scene.specular_chains import FirstHits
 
     T = mi.ScalarTransform4f()
     parts = {
@@ -205,7 +206,7 @@ def test_shadows_are_those_of_a_real_emitter(mi, shape):
         mi,
         lit,
         lambda scene, sampler, ray: tracer.radiance(
-            scene, sampler, ray, scene.ray_intersect_preliminary(ray), mi.Bool(True)
+            scene, sampler, FirstHits(coherent=False).view(scene, ray, mi.UInt32(0))
         ),
     )
     assert expected.min() < 0.3 * expected.max()

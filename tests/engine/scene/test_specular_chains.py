@@ -432,7 +432,8 @@ def test_rough_coat_and_what_it_covers_are_two_branches(build):
 
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(1, 1 << 16)
-        found = PathTracer(4).radiance(scene, sampler, view.ray, view.surface, mi.Bool(True), parts=parts)
+        point = replace(view, whole=mi.Bool(True), parts=parts)
+        found = PathTracer(4).radiance(scene, sampler, point)
         return np.array([float(dr.mean(channel)[0]) for channel in found])
 
     whole = light(views[0], None)

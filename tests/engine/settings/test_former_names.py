@@ -43,3 +43,18 @@ def test_former_names_lead_to_names_that_exist():
     ):
         for old, new in former_names.FORMER_NAMES[kind].items():
             assert old not in known and new in known
+
+
+def test_former_names_of_arguments():
+    """The values are those of the current names, and the warning is of the line to change."""
+
+    @former_names.accepts_former_names
+    def encode(field, *, has_stop=True):
+        return field, has_stop
+
+    with pytest.warns(DeprecationWarning, match="The argument aperture is called has_stop now") as warned:
+        assert encode(3, aperture=False) == (3, False)
+    assert warned[0].filename == __file__
+    assert encode(3, has_stop=False) == (3, False) and encode(3) == (3, True)
+    with pytest.warns(DeprecationWarning), pytest.raises(TypeError, match="former and its current name"):
+        encode(3, aperture=False, has_stop=False)

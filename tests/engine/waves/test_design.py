@@ -12,15 +12,15 @@ from holopath_addon.engine.waves.phase_fields import (
     random_phasors,
 )
 from holopath_addon.engine.waves.phase_fields.design import DefocusedView, Design, Layer, Recipe, invent
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 
 
 def test_independent_frames_have_the_loss_of_one():
     """The loss of a design is scaled so that the mean of m independent frames has 1/m."""
     recipe = Recipe(8, 128)
     design = Design(recipe, np.angle(random_phasors(8, 128, 128, 1)))
-    with Frames() as threads:
-        losses, _ = design.slopes([Layer(np.ones((128, 128), np.float32))], [DefocusedView(30.0)], threads)
+    with FramePool() as pool:
+        losses, _ = design.slopes([Layer(np.ones((128, 128), np.float32))], [DefocusedView(30.0)], pool)
     for m, loss in losses.items():
         assert loss * m == pytest.approx(1, abs=0.12), m
 
@@ -32,20 +32,20 @@ def test_slopes_of_the_design_against_finite_differences(seed):
     rng = np.random.default_rng(seed)
     tasks = invent(rng, 64, 20.0, 0.3)
     step = 1e-2 * rng.standard_normal(design.phases.shape).astype(np.float32)
-    with Frames() as threads:
+    with FramePool() as pool:
 
         def loss(sign):
             design.phases += sign * step
-            value = total(design, tasks, threads)
+            value = total(design, tasks, pool)
             design.phases -= sign * step
             return value
 
-        _, slopes = design.slopes(*tasks, threads)
+        _, slopes = design.slopes(*tasks, pool)
         expected = float(np.sum(np.array(slopes) * step))
         assert loss(1) - loss(-1) == pytest.approx(2 * expected, rel=0.03, abs=2e-4)
 
 
-def total(design, tasks, threads):
+def total(design, tasks, pool):
     """The whole loss of a design, brightness included, from its definition."""
     from holopath_addon.engine.waves.phase_fields.design import incoherent_target
     from holopath_addon.engine.waves.supervision import BRIGHTNESS
@@ -83,10 +83,10 @@ def test_the_design_program_goes_on_where_it_was_interrupted(tmp_path, monkeypat
     assert status == 0
     step = Design.step
 
-    def interrupted(self, threads):
+    def interrupted(self, pool):
         if self.done == 4:
             signal.raise_signal(signal.SIGINT)  # as Ctrl-C in the middle of a step
-        return step(self, threads)
+        return step(self, pool)
 
     monkeypatch.setattr(Design, "step", interrupted)
     status, out = program(tmp_path, "--steps", "12")

@@ -45,8 +45,8 @@ def test_slopes_against_finite_differences(library):
 
     made = [library.asarray(each) for each in spectra]
     targets = [supervision.TargetImage(*map(library.asarray, vars(view).values())) for view in views]
-    with supervision.Frames() as threads:
-        _, gradient = supervision.supervise(made, targets, energy, stages, threads)
+    with supervision.FramePool() as pool:
+        _, gradient = supervision.supervise(made, targets, energy, stages, pool)
     gradient = np.asarray(gradient)
     exact = [s.astype(complex) for s in spectra]
     for _ in range(5):

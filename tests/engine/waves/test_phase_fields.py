@@ -22,7 +22,7 @@ from holopath_addon.engine.waves.phase_fields import (
     straight_share,
 )
 from holopath_addon.engine.waves.phase_fields.design import Design, Recipe, invent
-from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.engine.waves.supervision import FramePool
 
 PITCH = 8e-6
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
@@ -185,14 +185,14 @@ def test_predicted_contrast_of_textured_pictures():
     assert speckle_contrast("random", 9) == pytest.approx(1 / 3)
     assert speckle_contrast("smooth", 9, 1.0) == pytest.approx(1 / 3)
     assert speckle_contrast("smooth", 9, 0.0) == 0
-    with Frames() as threads:
+    with FramePool() as pool:
         for count, gain in zip(SETS, GAIN, strict=True):
             maps = np.angle(designed_phasors(count))
             recipe = Recipe(count, maps.shape[-1])
             design, losses = Design(recipe, maps), []
             for seed in range(12):
                 layers, pictures = invent(np.random.default_rng((7, seed)), recipe.size, recipe.reach, 0.0)
-                losses.append(design.slopes(layers, pictures, threads)[0][count] * count / len(pictures))
+                losses.append(design.slopes(layers, pictures, pool)[0][count] * count / len(pictures))
             assert np.mean(losses) == pytest.approx(gain, rel=0.3), count
 
 

@@ -21,7 +21,7 @@ import scipy.fft
 
 from ...errors import InvalidInput
 from ..propagation import circular_band
-from ..supervision import Adam, Frames, TargetImage, relative, supervise
+from ..supervision import Adam, FramePool, TargetImage, relative, supervise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -270,7 +270,7 @@ class Design:
         self.done = 0
 
     def slopes(
-        self, layers: list[Layer], views: list[DefocusedView], threads: Frames
+        self, layers: list[Layer], views: list[DefocusedView], pool: FramePool
     ) -> tuple[dict[int, float], list[np.ndarray]]:
         """Compute losses by number of frames, and their gradient with respect to the phases."""
         optics, frames = self.optics, self.recipe.frames
@@ -286,10 +286,10 @@ class Design:
                 total = total + (part if transfer is None else part * transfer)
             return total * optics.band
 
-        spectra = threads.each(spectrum, frames)
+        spectra = pool.each(spectrum, frames)
         targets = [incoherent_target(optics, layers, view) for view in views]
         energy = sum(float((layer.amplitude**2).sum()) for layer in layers) * optics.band.mean()
-        losses, gradient = supervise(spectra, targets, energy, self.recipe.stages, threads)
+        losses, gradient = supervise(spectra, targets, energy, self.recipe.stages, pool)
 
         def slope(frame):
             total = 0
@@ -300,16 +300,16 @@ class Design:
                 total = total + (np.roll(part, layer.shift, (0, 1)) if any(layer.shift) else part)
             return 2 * (total.imag * phasors[frame].real - total.real * phasors[frame].imag)
 
-        return losses, threads.each(slope, frames)
+        return losses, pool.each(slope, frames)
 
-    def step(self, threads: Frames) -> dict[int, float]:
+    def step(self, pool: FramePool) -> dict[int, float]:
         """Take a step, and return the losses by number of frames, in terms of those of independent frames."""
         recipe = self.recipe
         rng = np.random.default_rng((recipe.seed, self.done))
         layers, views = invent(rng, recipe.size, recipe.reach, recipe.plane, recipe.narrow)
-        losses, slopes = self.slopes(layers, views, threads)
+        losses, slopes = self.slopes(layers, views, pool)
         rate = Adam.rate(self.done, recipe.steps, recipe.rate)
-        self.adam.step(self.phases, slopes, rate, threads)
+        self.adam.step(self.phases, slopes, rate, pool)
         self.done += 1
         count = sum(view.speckle for view in views)
         return {frames: loss * frames / count for frames, loss in losses.items()}
@@ -395,9 +395,9 @@ def run(
     """
     losses = []
     design.save(state)
-    with Frames() as threads:
+    with FramePool() as pool:
         while design.done < design.recipe.steps and not stop():
-            losses.append(design.step(threads))
+            losses.append(design.step(pool))
             if design.done % every == 0 or design.done == design.recipe.steps:
                 report(
                     design.done,
