@@ -36,9 +36,11 @@ class LongModal(_Operator):
 
         The time is that of Blender's preferences, since this operator became modal.
         """
-        paths = bpy.context.preferences.filepaths
-        wanted = paths.use_auto_save_temporary_files and bpy.data.is_dirty
-        if not wanted or dragging() or time.monotonic() - self._modal_since < paths.auto_save_time * MINUTE:
+        preferences = bpy.context.preferences
+        assert preferences is not None
+        paths = preferences.filepaths
+        unsaved = paths.use_auto_save_temporary_files and bpy.data.is_dirty
+        if not unsaved or dragging() or time.monotonic() - self._modal_since < paths.auto_save_time * MINUTE:
             return False
         name = type(self).bl_idname
         _paused[name] = dict(vars(self))

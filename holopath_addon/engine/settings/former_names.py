@@ -7,7 +7,8 @@ from collections.abc import Callable
 from functools import partial, wraps
 from typing import ParamSpec, TypeVar
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 # Current names by kind of name and former name.
 FORMER_NAMES = {
@@ -78,6 +79,6 @@ def accepts_former_names(function: Callable[P, R]) -> Callable[P, R]:
         current = with_current_names("argument", kwargs)
         if len(current) < len(kwargs):
             raise TypeError(f"{function.__name__} got an argument by its former and its current name")
-        return function(*args, **current)  # pyrefly: ignore[bad-argument-type]  # the same values, by other names
+        return function(*args, **current)
 
     return with_former_names
