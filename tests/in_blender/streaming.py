@@ -60,7 +60,6 @@ def steps():
     yield 1.0
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.filepaths.auto_save_time = 1
-    module("operators.long_modal").MINUTE = 0.5  # Blender saves after 60 s, HoloPath makes way twice a second
     bpy.ops.ed.undo_push(message="a change")
     devices, session, engine = module("operators.devices"), module("operators.session"), module("engine")
     volume = engine.Hologram(*SIZE, 8e-6, (520e-9,))
@@ -95,6 +94,7 @@ def steps():
         yield 0.02
     result["gaps"] = max(gaps)
     result["steps"].append("shown")
+    module("operators.long_modal").MINUTE = 0.5  # Blender saves after 60 s, HoloPath makes way twice a second
 
     devices.current.driver._window._process.kill()
     begin = time.monotonic()
@@ -107,6 +107,8 @@ def steps():
     # Blender's own auto-save, see `wm_autosave_location` in its source
     saved = Path(bpy.app.tempdir).parent / f"{os.getpid()}_autosave.blend"
     yield from until(saved.exists, 90, "no auto-save")
+    module("operators.long_modal").MINUTE = 60.0
+    yield 1.0  # the last pause is over
     result["saved"] = [bpy.data.is_dirty, devices.streaming(), devices.current.counts.reconnected]
 
     window, begin = bpy.context.window_manager.windows[0], time.monotonic()
