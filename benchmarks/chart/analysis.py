@@ -46,6 +46,11 @@ def _leader(records, budget, figure):
     return max(within, key=lambda record: record[figure], default=None)
 
 
+def is_phases(record):
+    """Whether what was compared is the light of phases, as an SLM shows it, rather than a complex field."""
+    return record.get("psnr_8_bits") is not None
+
+
 def is_flat(record):
     """Whether a draft shows mirrors and glass as pictures on their own surfaces, for it follows none of them."""
     draft = record["kind"] == "ours" and record["effort"] == "draft"

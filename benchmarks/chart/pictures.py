@@ -6,7 +6,7 @@ import numpy as np
 
 from ..parts import attempt
 from . import looks, measure
-from .analysis import pareto
+from .analysis import is_phases, pareto
 from .methods import FRAMES, SHOWN, M
 from .scenes import SCENES
 
@@ -119,11 +119,14 @@ def _seconds(records, scenes, colors, path):
             axis.set_visible(True)
             points = []
             for name, own in _own(records, scene).items():
-                own = sorted(own, key=lambda record: record["seconds"])
-                places = [(record["seconds"], record[figure_name]) for record in own]
                 width = 2.2 if name == "auto" else 1
-                axis.plot(*zip(*places, strict=True), "o-", color=colors[name], lw=width, ms=4, label=name)
-                points += places
+                for phases, style in ((False, "o-"), (True, "o--")):
+                    places = sorted((r["seconds"], r[figure_name]) for r in own if is_phases(r) == phases)
+                    if places:
+                        axis.plot(
+                            *zip(*places, strict=True), style, color=colors[name], lw=width, ms=4, label=name
+                        )
+                    points += places
             front = [points[k] for k in pareto(points)]
             axis.plot(
                 *zip(*front, strict=True), "o", mfc="none", mec="k", ms=10, mew=0.8, label="Pareto front"

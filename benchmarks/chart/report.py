@@ -383,13 +383,28 @@ def _page(
     )
     text += [*attempt(faults, "8 bits", lambda: _levels_table(records), instead=[]), ""]
     text += ["## Seconds and PSNR\n", picture("chart-seconds.png", "PSNR over seconds")]
-    text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
+    text.append(
+        "Each line is a method at its efforts, M = 8: solid for complex fields, dashed for the light of phases. Rings "
+        "mark what no other beats in both.\n"
+    )
     text.append("## Within a budget\n")
     text.append(
         "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has "
         "nothing yet. With a star it is a draft, which shows mirrors and glass as pictures on their surfaces.\n"
     )
-    text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), "", *_notes("exceptions")]
+    text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), ""]
+    text.append(
+        "In that table a method that finds a complex field is compared by it. The same of phases alone, which is what "
+        "most SLMs show:\n"
+    )
+    phases = [record for record in records if analysis.is_phases(record)]
+    text += attempt(
+        faults,
+        "leads of phases",
+        lambda: _leads_table({scene: analysis.compare(_of(phases, scene)) for scene in budgets}),
+        instead=[],
+    )
+    text += ["", *_notes("exceptions")]
     for scene, rows in budgets.items():
         text += attempt(
             faults,

@@ -63,6 +63,8 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
     page = (tiny.folder / "chart.md").read_text()
     first = page[page.index("\n| method ") :]
     assert page.index("## What a 60 Hz SLM shows") < page.index(first) < page.index("## Frames")
+    alone = page[page.index("The same of phases alone") :]
+    assert alone.split("\n")[4].endswith("| none / none |")  # within 100 s rgbd has phases, auto fields
     one = by["phases", 1]
     assert "**M = 1**, dB" in page and "**M = 3**, dB" not in page
     assert f"| rgbd | {one['psnr']:.1f} / {one['psnr_worst']:.1f} |" in first
