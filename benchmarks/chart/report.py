@@ -395,7 +395,7 @@ def _page(
     text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), ""]
     text.append(
         "In that table a method that finds a complex field is compared by it. The same of phases alone, which is what "
-        "most SLMs show:\n"
+        "most SLMs show; empty where nobody has any yet:\n"
     )
     phases = [record for record in records if analysis.is_phases(record)]
     text += attempt(
@@ -661,7 +661,13 @@ def _leads_table(budgets):
     rows = list(budgets.values())
     header = ["scene", *(f"{row['budget']} s" for row in rows[0][::2])] if rows else ["scene"]
     body = [
-        [scene, *(f"{lead(mean)} / {lead(worst)}" for mean, worst in zip(own[::2], own[1::2], strict=True))]
+        [
+            scene,
+            *(
+                f"{lead(mean)} / {lead(worst)}".strip(" /")
+                for mean, worst in zip(own[::2], own[1::2], strict=True)
+            ),
+        ]
         for scene, own in budgets.items()
     ]
     return _rows(header, body)
