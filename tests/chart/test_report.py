@@ -25,7 +25,7 @@ def test_leads_are_of_each_scene_and_budget():
         "| scene | 1 s | 3 s |",
         "| --- | --- | --- |",
         "| planes | +2.5* / -0.2 | none / none |",
-        "| tea |  /  | alone / alone |",
+        "| tea |  | alone / alone |",
     ]
 
 
