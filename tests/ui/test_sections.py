@@ -106,7 +106,7 @@ MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
             ("Many Frames: About 18 s Memory: 200 MB", "51 s of encoding would gain up to 2 dB"),
             True,
         ),
-        ({}, ("Many Frames: About 28 s Memory: 200 MB", "4 frames average little speckle"), True),
+        ({}, ("Many Frames: About 18 s Memory: 200 MB", "4 frames average little speckle"), True),
         ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
         (
             {"limit_encoding": True, "encode_seconds": 3.0},

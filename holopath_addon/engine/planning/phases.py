@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 # Extra frames and steps of `refine` without a time limit: those that gain most, and all that gain anything.
 DEFAULT_EFFORT, FULL_EFFORT = (96, 100), (192, 400)
-# Steps for few frames, which begin far from their end. With 400 the whole pupil gains 0.1 to 0.4 dB more, and halves of
-# it lose 1 to 2 dB.
-FEW_FRAMES_STEPS = 200
+# Steps for one and two frames, whose views through halves of the pupil are dark anyway. With three to seven frames as
+# many gain up to 0.6 dB through the whole pupil, and halves lose 0.5 to 2 (docs/measurements.md, Few frames).
+DARK_HALVES_FRAMES, DARK_HALVES_STEPS = 2, 200
 # With a time limit: the first extra frames, unless some were co-traced, and then whole sets, as many as fit.
 MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
@@ -283,8 +283,8 @@ def _choose_unlimited(plan, method, costs):
     """Choose without a time limit: `refine`, the same on all machines."""
     full = method == "refine" or plan.settings.method == "full"
     extra_frames, steps = FULL_EFFORT if full else DEFAULT_EFFORT
-    if not full and costs.frames < DESIGNED_STARTS:
-        steps = FEW_FRAMES_STEPS
+    if not full and costs.frames <= DARK_HALVES_FRAMES:
+        steps = DARK_HALVES_STEPS
     extra_frames = max(extra_frames, costs.co_traced)
     reason = (
         "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"
