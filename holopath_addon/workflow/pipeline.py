@@ -458,7 +458,7 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
     plan = _plan_of(field) or engine.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
     n_traced = 0 if field.extra_frames is None else len(field.extra_frames)
     chosen = engine.plan_encoding(plan, encoding.method, seconds, n_traced, encoding.eyebox)
-    _shortage(plan, chosen)
+    _shortage(plan, chosen)  # raises where the machine has too little
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)

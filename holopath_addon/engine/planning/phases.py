@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
 # Extra frames and steps of `refine` without a time limit: those that gain most, and all that gain anything.
 DEFAULT_EFFORT, FULL_EFFORT = (96, 100), (192, 400)
-# Steps for one and two frames, whose views through halves of the pupil are dark anyway. With three to seven frames as
-# many gain up to 0.6 dB through the whole pupil, and halves lose 0.5 to 2 (docs/measurements.md, Few frames).
-DARK_HALVES_FRAMES, DARK_HALVES_STEPS = 2, 200
+# Steps for few frames where they gain most: up to two, whose halves of the pupil are dark anyway, and with a larger
+# eyebox than the default, whose phases begin random. Otherwise as many gain up to 0.6 dB through the whole pupil, and
+# the worst view loses 0.6 to 2 (docs/measurements.md, Few frames).
+FEW_FRAMES_STEPS, DARK_HALVES_FRAMES = 200, 2
 # With a time limit: the first extra frames, unless some were co-traced, and then whole sets, as many as fit.
 MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
@@ -139,7 +140,7 @@ def plan_encoding(
     if choice is not None:
         return replace(choice, memory_bytes=plan.phases_memory.get("refine", 0.0))
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
-    choice = _choose(plan, method, seconds, co_traced)
+    choice = _choose(plan, method, seconds, co_traced, eyebox)
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
     randomness = _randomness(plan, eyebox)
     if choice.method != "refine" or randomness is None:
@@ -240,8 +241,8 @@ def _short_descent(plan, method, seconds, co_traced):
     return EncodingPlan("refine", frames, 0, seconds, reason, better, randomness=randomness, eyebox=0.0)
 
 
-def _choose(plan, method, seconds, co_traced):
-    """`EncodingPlan` without memory, randomness and eyebox."""
+def _choose(plan, method, seconds, co_traced, eyebox):
+    """`EncodingPlan` for an eyebox, without memory, randomness and eyebox."""
     settings = plan.settings
     if method not in ("auto", "refine"):
         return EncodingPlan(method, 0, 0, _limited(plan.phases.get(method, 0.0), seconds), "as asked")
@@ -258,7 +259,7 @@ def _choose(plan, method, seconds, co_traced):
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
     if seconds is None:
-        return _choose_unlimited(plan, method, costs)
+        return _choose_unlimited(plan, method, costs, eyebox)
     return _choose_within(plan, method, seconds, costs)
 
 
@@ -279,12 +280,13 @@ def _choose_within(plan, method, seconds, costs):
     return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better)
 
 
-def _choose_unlimited(plan, method, costs):
+def _choose_unlimited(plan, method, costs, eyebox):
     """Choose without a time limit: `refine`, the same on all machines."""
     full = method == "refine" or plan.settings.method == "full"
     extra_frames, steps = FULL_EFFORT if full else DEFAULT_EFFORT
-    if not full and costs.frames <= DARK_HALVES_FRAMES:
-        steps = DARK_HALVES_STEPS
+    more = costs.frames <= DARK_HALVES_FRAMES or eyebox > eyebox_for(costs.frames)
+    if not full and costs.frames < DESIGNED_STARTS and more:
+        steps = FEW_FRAMES_STEPS
     extra_frames = max(extra_frames, costs.co_traced)
     reason = (
         "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"

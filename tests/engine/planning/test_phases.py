@@ -18,9 +18,9 @@ SET = 0.4 + 24 * (0.0125 + 0.0125)  # seconds
 MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
-def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, co_traced=0, **settings):
+def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, co_traced=0, eyebox=None, **settings):
     plan = planned(costs, traversals, **settings)
-    return engine.plan_encoding(plan, encoding, seconds, co_traced)
+    return engine.plan_encoding(plan, encoding, seconds, co_traced, eyebox)
 
 
 def planned(costs=COSTS, traversals=3, **settings):
@@ -137,6 +137,7 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     eyebox = [each.eyebox for each in found.values()]
     assert eyebox[:5] == [0] * 5 and 0 < eyebox[5] < eyebox[6] == 1  # no frame more shows much less
     assert [each.steps for each in found.values()] == [200] * 2 + [100] * 5
+    assert [chosen(frames=frames, eyebox=1.0).steps for frames in (1, 3, 7, 8)] == [200, 200, 200, 100]
     assert "randomness 0 " in found[1].reason and "as a whole" in found[1].reason
     wide = engine.plan_encoding(planned(traversals=1, frames=1, randomness=0.2), eyebox=0.5)
     assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "0.5 of its parts" in wide.reason
