@@ -4,6 +4,9 @@ Dr.Jit comes without LLVM. It loads any libLLVM that it finds, once, when it is 
 first minimum or maximum then aborts the process. So the library is chosen and its version checked here, before Dr.Jit
 is imported, and passed in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as the package holopath_llvm with the
 extension and with `make env`, else the system's newest. CUDA needs no LLVM.
+
+Dr.Jit also opens every NVIDIA card when it is imported, whatever variant is set later, and aborts the process if one of
+them cannot be opened. So they are tried before, and hidden from it by `DRJIT_LIBCUDA_PATH` if one fails.
 """
 
 from __future__ import annotations
@@ -34,10 +37,14 @@ _LIBRARY_NAME = re.compile(r"libLLVM(-[\d.]+)?\.(so(\.[\w.-]+)?|dylib)|LLVM-C\.d
 _VERSION_IN_NAME = re.compile(r"libLLVM(?:-|\.so\.)(\d+)(?:\.(\d+))?")
 _VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
 _OWN = "holopath_llvm"
+_NO_CUDA = "no-cuda-as-a-card-cannot-be-opened"  # Dr.Jit warns that it cannot load a library of this name
+_OUT_OF_MEMORY = 2  # CUDA_ERROR_OUT_OF_MEMORY
+_MIN_FREE = 64 << 20  # bytes of a card for the programs that Dr.Jit loads at its import
 
 _lock = threading.RLock()
 # Variants with our plugins. Mitsuba outlives this module when Blender installs a new version of HoloPath.
 _extended = set()
+_card_fault = ""  # why Dr.Jit was imported without CUDA, though there is a driver
 
 
 def activate(prefer: str | None = None) -> str:
@@ -75,12 +82,14 @@ def activate(prefer: str | None = None) -> str:
             # warns if its first call comes after Dr.Jit made the processor flush subnormal numbers
             np.finfo(kind)
         if "drjit" not in sys.modules:
-            _choose_llvm(required=variant == LLVM)
+            _choose_libraries(llvm_required=variant == LLVM)
         mitsuba = _import_mitsuba()
         if variant == CUDA and not _initialized("CUDA"):
             if prefer:
                 raise BackendUnavailable(
-                    f"Dr.Jit cannot use CUDA with this driver: update it, or choose {LLVM}."
+                    f"{CUDA} cannot be used: {_card_fault}; or choose {LLVM}."
+                    if _card_fault
+                    else f"Dr.Jit cannot use CUDA with this driver: update it, or choose {LLVM}."
                 )
             variant = LLVM
         if variant == LLVM:
@@ -164,7 +173,7 @@ def bitmaps() -> Any:
     """
     with _lock:
         if "drjit" not in sys.modules:
-            _choose_llvm(required=False)
+            _choose_libraries(llvm_required=False)
         return _import_mitsuba()
 
 
@@ -321,13 +330,22 @@ def _current_variant():
     return variant if variant in (CUDA, LLVM) else None
 
 
-def _choose_llvm(required):
-    """Set the path of the LLVM for Dr.Jit, before its import; `required` raises if there is none."""
+def _choose_libraries(llvm_required):
+    """Set the path of the LLVM for Dr.Jit, before its import, and hide cards that would end the process then.
+
+    `llvm_required` raises if there is no LLVM. A card that a person named by `DRJIT_LIBCUDA_PATH` is theirs.
+    """
+    global _card_fault
     try:
         os.environ["DRJIT_LIBLLVM_PATH"] = find_llvm()[0]
     except BackendUnavailable:
-        if required:
+        if llvm_required:
             raise
+    if os.environ.get("DRJIT_LIBCUDA_PATH") in (None, "", _NO_CUDA):
+        os.environ.pop("DRJIT_LIBCUDA_PATH", None)
+        _card_fault = _fault_of_cards()
+        if _card_fault:
+            os.environ["DRJIT_LIBCUDA_PATH"] = _NO_CUDA
 
 
 def _import_mitsuba():
@@ -387,23 +405,66 @@ def _extend():
 
 def _cuda_device():
     """Whether CUDA and OptiX can be used, and the first device's name or the reason why not."""
-    if sys.platform == "darwin":
-        return False, "CUDA does not exist on macOS"
-    try:
-        cuda = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
-    except OSError:
-        return False, "no NVIDIA driver is installed"
-    count = ctypes.c_int(0)
-    if cuda.cuInit(0) != 0 or cuda.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value < 1:
-        return False, "the NVIDIA driver reports no device"
+    if _card_fault:
+        return False, _card_fault
+    cuda, count, problem = _cuda_driver()
+    if problem:
+        return False, problem
     if os.name != "nt":
         try:
             ctypes.CDLL("libnvoptix.so.1")
         except OSError:
             return False, "the NVIDIA driver lacks OptiX (libnvoptix.so.1)"
+    return True, _name_of_card(cuda, 0)
+
+
+def _cuda_driver():
+    """Return (library, number of devices, ""), or (None, 0, why there is none)."""
+    if sys.platform == "darwin":
+        return None, 0, "CUDA does not exist on macOS"
+    try:
+        cuda = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return None, 0, "no NVIDIA driver is installed"
+    count = ctypes.c_int(0)
+    if cuda.cuInit(0) != 0 or cuda.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value < 1:
+        return None, 0, "the NVIDIA driver reports no device"
+    return cuda, count.value, ""
+
+
+def _name_of_card(cuda, device):
     name = ctypes.create_string_buffer(256)
-    cuda.cuDeviceGetName(name, len(name), 0)
-    return True, name.value.decode(errors="replace") or "NVIDIA device"
+    cuda.cuDeviceGetName(name, len(name), device)
+    return name.value.decode(errors="replace") or "NVIDIA device"
+
+
+def _fault_of_cards():
+    """Why a card cannot be opened, as the rest of a sentence, or "" if all can: by the calls that Dr.Jit makes."""
+    cuda, count, _ = _cuda_driver()
+    for device in range(count):
+        reason = _reason_not_to_open(cuda, device)
+        if reason:
+            return (
+                f"{_name_of_card(cuda, device)} cannot be opened ({reason}): close the programs that use it, or "
+                "hide it with CUDA_VISIBLE_DEVICES, and start again"
+            )
+    return ""
+
+
+def _reason_not_to_open(cuda, device):
+    context, free, total, name = ctypes.c_void_p(), ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_char_p()
+    error = cuda.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)
+    if error == 0:
+        cuda.cuCtxPushCurrent_v2(context)
+        error = cuda.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
+        cuda.cuCtxPopCurrent_v2(ctypes.byref(context))
+        cuda.cuDevicePrimaryCtxRelease_v2(device)
+    if error == _OUT_OF_MEMORY or (error == 0 and free.value < _MIN_FREE):
+        return "its memory is full"
+    if error != 0:
+        cuda.cuGetErrorName(error, ctypes.byref(name))
+        return (name.value or b"").decode() or f"CUDA error {error}"
+    return ""
 
 
 def _candidates():

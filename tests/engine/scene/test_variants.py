@@ -4,6 +4,7 @@ What is loaded stays in a process, so every choice is tried in one of its own.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -99,6 +100,73 @@ def test_activate_is_idempotent_and_works_in_a_thread(backend):
     thread.start()
     thread.join()
     assert seen == [backend] == [module.activate()]
+
+
+DRIVER = {
+    "cuDeviceGetCount": "*(int *)a = 1;",
+    "cuDriverGetVersion": "*(int *)a = 12080;",
+    "cuDeviceGetName": 'strcpy(a, "Card");',
+    "cuGetErrorName": 'if ((long)a == 46) *(char **)b = "CUDA_ERROR_DEVICE_UNAVAILABLE";',
+}
+CANNOT_OPEN = {
+    "full": ({"cuDevicePrimaryCtxRetain": "return 2;"}, "Card cannot be opened (its memory is full)"),
+    "nearly full": (
+        {"cuMemGetInfo_v2": "*(size_t *)a = 1 << 20;"},
+        "Card cannot be opened (its memory is full)",
+    ),
+    "in use": (
+        {"cuDevicePrimaryCtxRetain": "return 46;"},
+        "Card cannot be opened (CUDA_ERROR_DEVICE_UNAVAILABLE)",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def fake_driver(tmp_path_factory):
+    """Make an NVIDIA driver, as a folder of libraries with the functions that Dr.Jit and HoloPath call."""
+    compiler = shutil.which("cc")
+    if compiler is None or sys.platform != "linux":
+        pytest.skip("needs a C compiler, and Linux")
+    import drjit
+
+    core = (Path(drjit.__file__).parent / "libdrjit-core.so").read_bytes()
+    names = {name.decode() for name in re.findall(rb"\0(cu[A-Z]\w+)(?=\0)", core)} | {"cuMemGetInfo_v2"}
+
+    def make(bodies):
+        folder = tmp_path_factory.mktemp("driver")
+        bodies = DRIVER | bodies
+        source = folder / "driver.c"
+        source.write_text(
+            "#include <string.h>\n"
+            + "".join(
+                f"int {n}(void *a, void *b, void *c) {{ {bodies.get(n, '')} return 0; }}\n"
+                for n in sorted(names)
+            )
+        )
+        for name in ("libcuda.so", "libcuda.so.1", "libnvoptix.so.1"):
+            subprocess.run([compiler, "-w", "-shared", "-fPIC", "-o", folder / name, source], check=True)
+        return folder
+
+    return make
+
+
+@pytest.mark.parametrize("case", CANNOT_OPEN)
+def test_a_card_that_cannot_be_opened_does_not_end_the_process(fake_driver, case):
+    """Dr.Jit opens every card at its import, and aborts if it cannot, with the processor chosen as well."""
+    bodies, reason = CANNOT_OPEN[case]
+    folder = str(fake_driver(bodies))
+    if case != "nearly full":  # else Dr.Jit goes on, with an empty driver
+        with pytest.raises(AssertionError, match="unrecoverable error"):
+            run("import drjit", LD_LIBRARY_PATH=folder)
+    out = run(ACTIVATE_LLVM + COMPUTE, LD_LIBRARY_PATH=folder)
+    assert out.splitlines() == ["variant llvm_ad_rgb", "sum 5.0"]
+    code = (
+        ACTIVATE.replace("activate()", "activate('cuda_ad_rgb')") + "print(variants.describe()[0]['detail'])"
+    )
+    refused, detail = run(code, LD_LIBRARY_PATH=folder).splitlines()
+    assert refused == f"refused cuda_ad_rgb cannot be used: {detail}; or choose llvm_ad_rgb."
+    assert detail.startswith(reason)
+    assert run(ACTIVATE, LD_LIBRARY_PATH=folder) == "variant llvm_ad_rgb"
 
 
 def test_replaces_a_variant_that_cannot_be_differentiated():
