@@ -3,11 +3,9 @@
 import csv
 import json
 import os
-import platform
 import re
 import shutil
 import subprocess
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -15,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from holopath_addon import engine
+from holopath_addon.workflow import output
 
 from ..parts import attempt
 from . import analysis, archive, looks, measure, pictures
@@ -116,11 +115,8 @@ class Made:
 
 
 def _machine():
-    with suppress(OSError):
-        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
-        if found:
-            return f"{found[1].strip()}, {os.cpu_count()} cores, {platform.system()}"
-    return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+    machine = output.machine()
+    return f"{machine['processor']}, {os.cpu_count()} cores, {machine['system']}"
 
 
 def _commit(root):

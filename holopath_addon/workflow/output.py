@@ -8,6 +8,7 @@ import shutil
 import stat
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import astuple
 from importlib import metadata
 from pathlib import Path
@@ -504,6 +505,26 @@ def versions():
         "numpy": np.__version__,
         **{name: _installed(name) for name in ("mitsuba", "drjit", "scipy")},
         "blender": bpy.app.version_string if bpy else None,
+    }
+
+
+def machine() -> dict[str, str | int | None]:
+    """What seconds in a report were measured on.
+
+    Returns
+    -------
+    dict
+        `processor`, `threads` to compute with, `system`, and `card`, None where none computes.
+    """
+    name = platform.processor() or platform.machine()
+    with suppress(OSError):  # Python knows no more than the architecture on Linux
+        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+        name = found[1].strip() if found else name
+    return {
+        "processor": name,
+        "threads": variants.threads(),
+        "system": platform.system(),
+        "card": variants.describe()[0]["detail"] if variants.on_card() else None,
     }
 
 

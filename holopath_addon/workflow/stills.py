@@ -126,7 +126,7 @@ def write(
     }
     report |= {"job": request.origin.job} if request.origin.job else {}
     report |= {"method": request.method} if request.method else {}
-    output.write_report(folder, {**report, "versions": output.versions()})
+    output.write_report(folder, {**report, "versions": output.versions(), "machine": output.machine()})
     return result, report
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import platform
 import re
 import resource
 import signal
@@ -396,6 +397,8 @@ def test_report(rendered):
     assert 0.97 * total < sum(parts.values()) <= total
     assert report["rays"]["wave rays"] > 0
     assert report["versions"]["mitsuba"] and report["versions"]["blender"]
+    machine = report["machine"]
+    assert machine["processor"] and machine["threads"] >= 1 and machine["system"] == platform.system()
     assert report["warnings"] == [] and report["export_notes"] == [] and report["bake"] is None
     assert [row["focus_m"] for row in report["comparison"]] == [0.5, 2.0, "inf"]
     assert all(row["psnr_db"] > 10 and 0 < row["ssim"] <= 1 for row in report["comparison"])
