@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from holopath_addon.engine.encoding.views import Views
+from holopath_addon.engine.encoding.views import ViewedVolume, Views
 from holopath_addon.engine.memory import on_processor
 from holopath_addon.engine.waves import arrays, libraries
 from holopath_addon.engine.waves.propagation import padded_shape
@@ -114,7 +114,7 @@ def _torch_step(made):
     wavelength = field.hologram.wavelengths[0]
     ends = plan.z_low, plan.z_high
     shape, frames = field.data.shape[-2:], len(field.data)
-    views = Views(shape, field.hologram.pitch, wavelength, *ends, frames, 0, on=on)
+    views = Views(ViewedVolume(shape, field.hologram.pitch, wavelength, *ends), frames, 0, on=on)
     phases = torch.zeros((frames, *shape), device=on.device, requires_grad=True)
     adam = torch.optim.Adam([phases])
     chosen = [number for kind, numbers in views.kinds for number in numbers[: kind.looks]]
@@ -124,7 +124,7 @@ def _torch_step(made):
         spectra = torch.fft.fft2(torch.exp(1j * phases), s=views.padded)
         loss = torch.zeros((), device=on.device)
         for number in chosen:
-            rows, columns = views.targets[number].shape
+            rows, columns = map(len, views.nearest_pixels(number))
             waves = views.waves(spectra, number)[:, :rows, :columns]
             image = (waves.real**2 + waves.imag**2).mean(0)
             loss = loss + (torch.sqrt(image + 1e-12) - 1).square().sum()

@@ -17,7 +17,7 @@ from holopath_addon import engine
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
-from holopath_addon.engine.encoding.views import Views, step_transforms
+from holopath_addon.engine.encoding.views import ViewedVolume, Views, ViewTargets, step_transforms
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.modulator import gray_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
@@ -392,12 +392,13 @@ def cost(sizes=SIZES):
         rng = np.random.default_rng(0)
         parts = rng.normal(size=(2, frames, *shape)).astype(np.float32)
         fields = parts[0] + 1j * parts[1]
-        views = Views(shape, PITCH, GREEN, -2e-3, 3e-3, frames, 0)
+        views = Views(ViewedVolume(shape, PITCH, GREEN, -2e-3, 3e-3), frames, 0)
+        targets = ViewTargets(views)
         with FramePool() as pool:
-            views.add(fields)
+            targets.add(fields)
             phases = Phases(np.angle(fields), pool)
             target = ComplexTarget(fields, True, pool)
-            seen = descent.ViewLosses(phases.light, views, 1.0)
+            seen = descent.ViewLosses(phases.light, targets, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
                 for kind, numbers in views.kinds

@@ -75,11 +75,11 @@ def run(pixels=512, repeats=5):
     estimator = LatticeEstimator(hologram, lattice, [kernel_table(lattice, hologram.pitch, GREEN)])
     depths = (plan.z_low, plan.z_high)
     grid = GrainGrid(pixels, pixels, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
-    optics, tracer = FirstHits(plan.coherent), PathTracer(8)
-    measurement = Measurement(scene, rays, optics, tracer, grid, plan, (GREEN,))
+    image_finder, tracer = FirstHits(plan.coherent), PathTracer(8)
+    measurement = Measurement(scene, rays, image_finder, tracer, grid, plan, (GREEN,))
     radiance = measurement.measure(lambda done: None)
     phasors = random_phasors(max(FRAMES), pixels, pixels)
-    part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, optics)
+    part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, image_finder)
 
     def trace(frames):
         blocks = blocks_of([(pixels * pixels, part.rays_per_pixel)], frames, 1, plan.chunk)

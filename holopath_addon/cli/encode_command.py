@@ -205,7 +205,7 @@ def _scene(args, folder, progress, say):
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
     field = output.stored_field(folder)
-    optics = replace(options.with_colors(field.hologram, args).optics, **options.optics_of(args))
+    optics = replace(options.with_colors(field.hologram, args).optics, **options.optics_changes(args))
     if optics.lens != field.hologram.optics.lens:
         raise engine.InvalidInput(
             f"The field in {folder} was rendered for another lens. Omit --lens, or render it with this one."

@@ -15,7 +15,7 @@ from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from ..workflow import output
 from .console import Progress
-from .options import add_optics, argument, numbers, optics_of, pitch, say, with_colors
+from .options import add_optics, argument, numbers, optics_changes, pitch, say, with_colors
 
 _KINDS = ", ".join(exchange.SUFFIXES)
 PRINT_OPTIONS = ("dpi", "bits", "carrier", "frame", "wavelength")  # of prints only
@@ -327,7 +327,7 @@ def _import(args):
         args.units,
         args.transfer,
         args.packing,
-        engine.Optics(**optics) if (optics := optics_of(args)) else None,
+        engine.Optics(**changes) if (changes := optics_changes(args)) else None,
     )
     thing = exchange.hologram_of(container, options)
     thing = replace(thing, hologram=with_colors(thing.hologram, args))

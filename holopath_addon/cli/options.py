@@ -295,8 +295,8 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
     )
 
 
-def optics_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Fields of `engine.Optics` by the options of `add_optics`.
+def optics_changes(args: argparse.Namespace) -> dict[str, Any]:
+    """Fields of `engine.Optics` that the options of `add_optics` set.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ def on_bench(thing, args: argparse.Namespace):
     ------
     engine.InvalidInput, engine.BackendUnavailable
     """
-    changes, hologram = optics_of(args), with_colors(thing.hologram, args)
+    changes, hologram = optics_changes(args), with_colors(thing.hologram, args)
     thing = thing if hologram is thing.hologram else replace(thing, hologram=hologram)
     if not changes:
         return thing

@@ -656,7 +656,7 @@ def hologram_of(args, base):
     ------
     engine.InvalidInput, engine.BackendUnavailable
     """
-    changes, optics = {}, options.optics_of(args)
+    changes, optics = {}, options.optics_changes(args)
     lens = optics.get("lens", base.optics.lens)
     if args.display is not None:
         if args.resolution or args.pitch:

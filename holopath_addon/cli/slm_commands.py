@@ -401,72 +401,119 @@ def _planes(args, hologram):
 def _capture(args, sequence, driver, controller, trigger, progress, watch):
     """Show the holograms, and capture them at each focus plane; the counts."""
     hologram = sequence.holograms[0].hologram
-    planes, folder = _planes(args, hologram), Path(args.captures)
-    names = [f"plane_{n}_{p.distance * 1e3:.4g}mm" for n, p in enumerate(planes.planes)]
-    sweep_progress = stage(progress, 0.1, 0.99)
+    planes, sweep_progress = _planes(args, hologram), stage(progress, 0.1, 0.99)
     if args.driver == "virtual":
         counts = slm.stream(sequence, driver, args.rate, args.loops or 1, None, trigger)
-        pictures = {}
-
-        def take(number):
-            pictures[names[number]] = engine.to_rgb(driver.capture(), hologram.wavelengths)
-
-        slm.sweep(
-            planes, lambda number: driver.focus_at(planes.planes[number].distance), take, sweep_progress
-        )
-        white = output.exposure(list(pictures.values()))
-        files = {}
-        for name, rgb in pictures.items():
-            files |= {f"{name}.exr": output.encode_exr(rgb), f"{name}.png": output.encode_png(rgb, white)}
-        output.write_pictures(folder, files)
+        files = _virtual_captures(driver, planes, hologram.wavelengths, sweep_progress)
+        output.write_pictures(Path(args.captures), files)
         return counts
     if not args.camera:
         raise engine.InvalidInput(
             "The camera is missing. Give the command that takes a picture with --camera."
         )
-    for number in range(len(planes.planes)):
-        planes.position(number)
-    stop, first_round = threading.Event(), threading.Event()
+    positions = [planes.position(number) for number in range(len(planes.planes))]
+    camera = _Camera(args.camera, planes, watch, len(sequence))
+    files = camera.captures(
+        lambda on_counts: slm.stream(sequence, driver, args.rate, None, on_counts, trigger, args.patience),
+        lambda number: controller.focus(positions[number]),
+        lambda: progress(0.05, "Showing the hologram"),
+        sweep_progress,
+    )
+    output.write_pictures(Path(args.captures), files)
+    return watch.counts
 
-    def on_counts(counts):
-        watch.update(counts)
-        if counts.shown >= len(sequence):
-            first_round.set()
-        if stop.is_set():
+
+def _plane_names(planes):
+    """Name of the files of each focus plane, without an ending."""
+    return [f"plane_{n}_{plane.distance * 1e3:.4g}mm" for n, plane in enumerate(planes.planes)]
+
+
+def _virtual_captures(driver, planes, wavelengths, progress):
+    """Files of the virtual bench's captures at each focus plane, by name, all at one exposure."""
+    pictures = []
+    slm.sweep(
+        planes,
+        lambda number: driver.focus_at(planes.planes[number].distance),
+        lambda number: pictures.append(engine.to_rgb(driver.capture(), wavelengths)),
+        progress,
+    )
+    white, files = output.exposure(pictures), {}
+    for name, rgb in zip(_plane_names(planes), pictures, strict=True):
+        files |= {f"{name}.exr": output.encode_exr(rgb), f"{name}.png": output.encode_png(rgb, white)}
+    return files
+
+
+class _Camera:
+    """A camera that captures each focus plane while another thread streams the hologram.
+
+    Parameters
+    ----------
+    command : str
+        Command that takes a picture, see `slm.run_camera`.
+    planes : slm.FocusPlanes
+    watch : _Watch
+        Receives the counts of the stream.
+    round_length : int
+        Pictures of a round. Captures begin when that many were shown.
+    """
+
+    def __init__(self, command, planes, watch, round_length):
+        self._command, self._planes, self._watch, self._round_length = command, planes, watch, round_length
+        self._first_round, self._stop = threading.Event(), threading.Event()
+
+    def captures(self, stream, move, on_wait, progress):
+        """Files of the captures, by name.
+
+        Parameters
+        ----------
+        stream : callable
+            ``stream(on_counts)`` shows the hologram until `on_counts` raises.
+        move : callable
+            See `slm.sweep`.
+        on_wait : callable
+            Called several times a second until the first round was shown; may raise.
+        progress : callable
+            See `slm.sweep`.
+        """
+        files, names = {}, _plane_names(self._planes)
+
+        def take(number):
+            name = f"{names[number]}.png"
+            files[name] = self._picture(streaming, Path(folder) / name, number)
+
+        with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as folder:
+            streaming = workers.submit(stream, self._on_counts)
+            try:
+                while not self._first_round.wait(0.1) and not streaming.done():
+                    on_wait()
+                if streaming.done():
+                    streaming.result()
+                slm.sweep(self._planes, move, take, progress)
+            finally:
+                self._stop.set()
+        with suppress(engine.Cancelled):
+            streaming.result()
+        return files
+
+    def _on_counts(self, counts):
+        self._watch.update(counts)
+        if counts.shown >= self._round_length:
+            self._first_round.set()
+        if self._stop.is_set():
             raise engine.Cancelled
 
-    def take(number):
-        """Capture a plane, again if the device was lost meanwhile."""
-        file, data = part / f"{names[number]}.png", None
-        while data is None:
+    def _picture(self, streaming, file, number):
+        """Content of the file of a capture, which is taken again if the device was lost meanwhile."""
+        watch, distance = self._watch, self._planes.planes[number].distance
+        while True:
             while watch.counts.lost and not streaming.done():
                 time.sleep(0.1)
             if streaming.done():
                 streaming.result()
             reconnected = watch.counts.reconnected
-            slm.run_camera(args.camera, file, number, planes.planes[number].distance)
+            slm.run_camera(self._command, file, number, distance)
             if not watch.counts.lost and watch.counts.reconnected == reconnected:
-                data = file.read_bytes()
-        pictures[file.name] = data
-
-    pictures = {}
-    with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as temporary:
-        part = Path(temporary)
-        streaming = workers.submit(
-            slm.stream, sequence, driver, args.rate, None, on_counts, trigger, args.patience
-        )
-        try:
-            while not first_round.wait(0.1) and not streaming.done():
-                progress(0.05, "Showing the hologram")
-            if streaming.done():
-                streaming.result()
-            slm.sweep(planes, lambda number: controller.focus(planes.position(number)), take, sweep_progress)
-        finally:
-            stop.set()
-    with suppress(engine.Cancelled):
-        streaming.result()
-    output.write_pictures(folder, pictures)
-    return watch.counts
+                return file.read_bytes()
 
 
 def _focus(args):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.encoding.views import Views
+from holopath_addon.engine.encoding.views import ViewedVolume, Views, ViewTargets
 from holopath_addon.engine.waves.propagation import propagate
 
 PITCH, GREEN = 8e-6, 520e-9
@@ -398,14 +398,14 @@ def test_pictures_are_found_before_a_stop_blurs_them():
     """Incoherent images through the stop, by Goodman, give back the picture; parts of the pupil stay."""
     optics, picture = OFF_AXIS["circle"], blocks(8)
     hologram = engine.Hologram(64, 64, PITCH, (GREEN,), optics=optics)
-    views = Views((64, 64), PITCH, GREEN, -1e-4, 1e-4, 24, 0, optics=optics)
+    targets = ViewTargets(Views(ViewedVolume((64, 64), PITCH, GREEN, -1e-4, 1e-4, optics), 24, 0))
     blurred = engine.diffracted(picture, hologram)[..., 0]
-    for target in views.targets:
+    for target in targets.intensities:
         target[:] = blurred if target.shape == (64, 64) else 1
-    views.sharpen()
+    targets.sharpen()
     inner = np.s_[8:-8, 8:-8]
-    for target, view in zip(views.targets, views.viewpoints, strict=True):
-        if view.part is not None:
+    for target, viewpoint in zip(targets.intensities, targets.views.viewpoints, strict=True):
+        if viewpoint.part is not None:
             assert (target == 1).all()
             continue
         before, after = (np.linalg.norm((each - picture[..., 0])[inner]) for each in (blurred, target))
@@ -430,7 +430,7 @@ def test_phases_of_one_bit_are_sharper_than_the_stop_is_by_itself(monkeypatch):
         return engine.psnr(engine.reconstruct(phase.field(engine.Modulator(bits=1)), [at_slm])[0], picture, 8)
 
     sharp = shown()
-    monkeypatch.setattr(Views, "sharpen", lambda views: None)
+    monkeypatch.setattr(ViewTargets, "sharpen", lambda targets: None)
     assert sharp > shown() + 1
 
 

@@ -21,7 +21,7 @@ from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
 from .targets import AmplitudeTarget, ComplexTarget
-from .views import Views
+from .views import ViewedVolume, Views, ViewTargets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -217,8 +217,8 @@ class Channel:
         distances = np.linspace(low, high, count) if count > 1 else [(low + high) / 2]
         return AmplitudeTarget(fields, pitch, self.wavelength, distances, self._pool, optics)
 
-    def views(self) -> Views:
-        """Target views of all frames together, before frames are added."""
+    def view_targets(self) -> ViewTargets:
+        """Targets of all frames together, to which no frames are added yet."""
         hologram, grid, places = self._field.hologram, self._grid, None
         if isinstance(grid, AerialImage):
             # light beside the image is free
@@ -227,19 +227,11 @@ class Channel:
         elif not grid.plain:
             lines = grid.picture.raster().lines_on(grid.raster(self.wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
-        return Views(
-            self._shape,
-            grid.pitch_at(self.wavelength),
-            self.wavelength,
-            *self._volume,
-            self.phases.shape[0],
-            self._options.seed,
-            self._options.eyebox,
-            hologram.optics,
-            places,
-            self._on_wait,
-            self.phases,
-        )
+        pitch, options = grid.pitch_at(self.wavelength), self._options
+        volume = ViewedVolume(self._shape, pitch, self.wavelength, *self._volume, hologram.optics, places)
+        frames = self.phases.shape[0]
+        views = Views(volume, frames, options.seed, options.eyebox, self._on_wait, self.phases)
+        return ViewTargets(views, self.phases)
 
     @property
     def _volume(self):

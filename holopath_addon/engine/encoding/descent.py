@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..waves.modulator import Levels
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
-    from .views import Views
+    from .views import ViewTargets
 
 RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, and from an earlier hologram
 FIXES, FEW = 20, 6  # number of times that pixels are fixed to levels, and of steps between
@@ -104,7 +104,7 @@ def adam(
 
 def together(
     phases: Phases,
-    views: Views,
+    targets: ViewTargets,
     gain: float,
     effort: Effort,
     on_progress: Callable[[float, float], object],
@@ -120,7 +120,7 @@ def together(
     Parameters
     ----------
     phases : Phases
-    views : Views
+    targets : ViewTargets
     gain : float
         Amplitude of the light sent in, at the start.
     effort : Effort
@@ -136,11 +136,11 @@ def together(
         See `ViewLosses.brightness_gain`.
     """
     start, seconds, levels = time.perf_counter(), effort.seconds, effort.levels
-    losses = ViewLosses(phases.light, views, gain)
+    losses = ViewLosses(phases.light, targets, gain)
     if seconds is not None:  # all views are evaluated once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - start))
     rng = np.random.default_rng(effort.seed)
-    queues: list[list[int]] = [[] for _ in views.kinds]
+    queues: list[list[int]] = [[] for _ in targets.views.kinds]
     best, min_loss = phases.values(), losses.loss
     steps, fixes, done = 0, 1, 0.0
     even = np.ones(phases.light.shape[0])
@@ -150,7 +150,7 @@ def together(
     try:
         while done < 1:
             chosen = []
-            for (kind, numbers), queue in zip(views.kinds, queues, strict=True):
+            for (kind, numbers), queue in zip(targets.views.kinds, queues, strict=True):
                 for _ in range(kind.looks):
                     if not queue:
                         queue += rng.permutation(numbers).tolist()
@@ -194,7 +194,7 @@ class ViewLosses:
     Parameters
     ----------
     light : array, complex, shape (frame, y, x)
-    views : Views
+    targets : ViewTargets
     gain : float
         Amplitude of the light sent in, if views are black.
 
@@ -206,15 +206,15 @@ class ViewLosses:
         Loss of each view when it was last evaluated.
     """
 
-    def __init__(self, light: Array, views: Views, gain: float) -> None:
-        self.gain, self._views = gain, views
+    def __init__(self, light: Array, targets: ViewTargets, gain: float) -> None:
+        self.gain, self._views, self._targets = gain, targets.views, targets.intensities
         # energies of the light in each view and of its target, and the scalar product of their amplitudes
-        self.losses, self._energies, self._overlaps, self._weights = np.zeros((4, len(views)))
-        self._totals = np.array([arrays.total(target) for target in views.targets])
-        for kind, numbers in views.kinds:
+        self.losses, self._energies, self._overlaps, self._weights = np.zeros((4, len(self._views)))
+        self._totals = np.array([arrays.total(target) for target in self._targets])
+        for kind, numbers in self._views.kinds:
             self._weights[numbers] = kind.weight / len(numbers)
-        whole = views.kinds[0][1]
-        self._psnrs = {number: _psnr_at_1(views.targets[number]) for number in whole if self._totals[number]}
+        whole = self._views.kinds[0][1]
+        self._psnrs = {number: _psnr_at_1(self._targets[number]) for number in whole if self._totals[number]}
         self.evaluate(light)
 
     @property
@@ -293,14 +293,14 @@ class ViewLosses:
     def _image(self, spectra, number):
         """Waves of the frames in a view, and the mean of their intensities."""
         waves = self._views.waves(spectra, number)
-        image = intensity(waves, self._views.targets[number].shape)
+        image = intensity(waves, self._targets[number].shape)
         image *= 1 / waves.shape[0]
         return waves, image
 
     def _compare(self, number, image):
         """Square roots of an intensity in a view and of its target, whose energies are noted."""
         xp, self._energies[number] = arrays.namespace(image), arrays.total(image)
-        amplitude, target = arrays.into(image, xp.sqrt, image), xp.sqrt(self._views.targets[number])
+        amplitude, target = arrays.into(image, xp.sqrt, image), xp.sqrt(self._targets[number])
         self._overlaps[number] = arrays.overlap(amplitude, target)
         return amplitude, target
 

@@ -339,30 +339,30 @@ class _Joint(_SingleFrames):
         if self._options.randomness is None:
             self._optimize_single_frames()
         for number, channel in enumerate(self._lit):
-            self._optimize_jointly(channel, channel.views(), number)
+            self._optimize_jointly(channel, channel.view_targets(), number)
 
-    def _optimize_jointly(self, channel, views, number):
-        """Optimize the phases of a wavelength towards views; wavelengths share the seconds left.
+    def _optimize_jointly(self, channel, targets, number):
+        """Optimize the phases of a wavelength towards targets; wavelengths share the seconds left.
 
-        Its own frames are added to the views, but not to those of extra frames if phases have a randomness of their
+        Its own frames are added to the targets, but not to those of extra frames if phases have a randomness of their
         own: fields of few frames are smooth then, and their images interfere. Nothing is done if no light can be seen.
         If the time is too short, the frames are optimized one by one.
         """
         if not channel.gain:
             return
         begin, end = (self._joint_progress(number + n) for n in (0, 1))
-        if not self._is_worthwhile(views, number):
+        if not self._is_worthwhile(targets.views, number):
             if self._seconds_left() > 0:
                 self._descend_frames(channel, (begin, end), 1.0, descent.WARM, channel.coarse_levels)
             return
         self._progress(begin, "Views of the field")
         options, (frames, *_) = self._options, self._field.data.shape
-        if options.randomness is None or views.frames <= frames:
-            for group in _groups(self._phases, math.prod(views.padded) * BYTES["views"]):
-                views.add(channel.fields(group))
-        self._correct_views(views)
+        if options.randomness is None or targets.frames <= frames:
+            for group in _groups(self._phases, math.prod(targets.views.padded) * BYTES["views"]):
+                targets.add(channel.fields(group))
+        self._correct_targets(targets)
         rate = descent.MAX_STEP if options.randomness is None else descent.MAX_STEP_RANDOM
-        groups = _groups(self._phases, math.prod(views.padded) * BYTES["together"])
+        groups = _groups(self._phases, math.prod(targets.views.padded) * BYTES["together"])
         stages_left, gains = len(groups) * (len(self._lit) - number), []
         for place, group in enumerate(groups):
 
@@ -375,11 +375,11 @@ class _Joint(_SingleFrames):
                 effort = descent.Effort(
                     rate, channel.coarse_levels, options.max_joint_steps, seed=options.seed, seconds=seconds
                 )
-                gains.append(descent.together(phases, views, channel.gain, effort, on_progress, stage))
+                gains.append(descent.together(phases, targets, channel.gain, effort, on_progress, stage))
         channel.gain = float(np.mean(gains))
 
-    def _correct_views(self, views):
-        """Correct the target views for what the field lacks; the field's own need none."""
+    def _correct_targets(self, targets):
+        """Correct the targets for what the field lacks; the field's own need none."""
 
     def _joint_progress(self, count):
         """Fraction of the whole that is done after so many wavelengths."""
@@ -395,7 +395,8 @@ class _Joint(_SingleFrames):
         if options.seconds is None or options.randomness is not None or not stages:
             return True  # with a given randomness single frames cannot be optimized instead
         first = stages[number % len(stages)]
-        transform = first["seconds"] / first["steps"] / 2 * math.prod(views.padded) / math.prod(views.shape)
+        padded, pixels = math.prod(views.padded), math.prod(views.volume.shape)
+        transform = first["seconds"] / first["steps"] / 2 * padded / pixels
         # all views are evaluated as targets, at the start and at the end
         needed = (3 * views.transforms + MIN_STEPS * step_transforms(options.eyebox)) * transform
         return needed < self._seconds_left() / (len(self._lit) - number)
@@ -410,15 +411,15 @@ class _Refine(_Joint):
     def _descend(self):
         if self._options.randomness is None:
             self._optimize_single_frames()
-        views = self._views_of_extra_frames() if self._lit else []
+        targets = self._targets_of_extra_frames() if self._lit else []
         for number, channel in enumerate(self._lit):
-            self._optimize_jointly(channel, views.pop(channel.color), number)
+            self._optimize_jointly(channel, targets.pop(channel.color), number)
 
-    def _views_of_extra_frames(self):
-        """Views of the extra frames that the seconds allow, by the index of the wavelength."""
+    def _targets_of_extra_frames(self):
+        """Targets of the extra frames that the seconds allow, by the index of the wavelength."""
         channels = {channel.color: channel for channel in self._lit}
         counts = dict.fromkeys(channels, 0)
-        views = {color: channel.views() for color, channel in channels.items()}
+        targets = {color: channel.view_targets() for color, channel in channels.items()}
         progress = part_of(self._progress, self.frames_end, self.joint_begin)
 
         def check_clock():
@@ -434,15 +435,15 @@ class _Refine(_Joint):
                     if color in channels:
                         counts[color] += fields.shape[0]
                         waves = arrays.like(fields[:, place, ...], self._field.data)
-                        views[color].add(channels[color].compared(waves))
+                        targets[color].add(channels[color].compared(waves))
                 check_clock()
         stage["frames"] = min(counts.values())
-        return views
+        return targets
 
-    def _correct_views(self, views):
-        views.unvignette()
+    def _correct_targets(self, targets):
+        targets.unvignette()
         if self._field.hologram.optics.stopped:
-            views.sharpen()
+            targets.sharpen()
 
 
 METHODS = {"dpac": _DoublePhase, "sgd": _SingleFrames, "joint": _Joint, "refine": _Refine}

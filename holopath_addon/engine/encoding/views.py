@@ -30,7 +30,7 @@ USUAL_FRAMES, MAX_PARTS_FACTOR = (
     8,
     3.0,
 )  # with more frames there are more parts of the pupil, up to this factor
-SHARPENING_STEPS = 10  # of `Views.sharpen`
+SHARPENING_STEPS = 10  # of `ViewTargets.sharpen`
 SHARPENING_MARGIN = 16  # pixels by which images are continued beyond their border for it
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
@@ -96,13 +96,11 @@ def transforms(frames: int, eyebox: float) -> float:
     return sum(kind.number(frames) / kind.apart**2 for kind in kinds_for(eyebox))
 
 
-class Views:
-    """Target mean intensities in one wavelength.
+@dataclass(frozen=True)
+class ViewedVolume:
+    """Volume that light of one wavelength is viewed in, and the grid of the light's fields.
 
-    Views are at intervals of the depth of focus, through the whole pupil and parts of it. Light through half of the
-    pupil has half the bandwidth, so that every second pixel samples it, and its FFTs take a quarter of the time.
-
-    Parameters
+    Attributes
     ----------
     shape : (int, int)
         Rows and columns of the fields.
@@ -112,17 +110,56 @@ class Views:
         Meters.
     low, high : float
         Distances of the volume's ends from the fields' plane, meters.
+    optics : Optics
+        Optics with the stop; parts of the pupil are those of its `opening`.
+    places : (EvenSteps, EvenSteps), optional
+        Rows and columns of the image between those of the fields, at which views of the whole pupil are sampled as far
+        as FFTs allow. Default: those of the fields.
+    """
+
+    shape: tuple[int, int]
+    pitch: Pitch
+    wavelength: float
+    low: float
+    high: float
+    optics: Optics = ON_AXIS
+    places: Sequence[EvenSteps] | None = None
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        """Shape of spectra: with a guard band, and fast for FFTs."""
+        farthest = max(abs(self.low), abs(self.high))
+        shape = padded_shape(self.shape, self.pitch, self.wavelength, farthest, OPTIMIZATION_GUARD)
+        padded = tuple(map(_fast, shape))
+        return padded if self.places is None else commensurate(padded, self.places, MAX_STRIDE)
+
+    @property
+    def slope(self) -> float:
+        """Maximum slope of light through the pupil, which is the stop's `opening`."""
+        return self.optics.opening[2] * math.tan(math.asin(self.wavelength / (2 * coarsest(self.pitch))))
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Distances from the fields' plane at which views are focused, a depth of focus apart, meters."""
+        count = 1 + math.ceil((self.high - self.low) * self.slope**2 / self.wavelength)
+        return np.linspace(self.low, self.high, min(MAX_DEPTHS, max(2, count)))
+
+
+class Views:
+    """Views of light all over a volume: its waves in each view, and the adjoint of that.
+
+    Views are at intervals of the depth of focus, through the whole pupil and parts of it. Light through half of the
+    pupil has half the bandwidth, so that every second pixel samples it, and its FFTs take a quarter of the time.
+
+    Parameters
+    ----------
+    volume : ViewedVolume
     frames : int
         Number of frames that are to show the views.
     seed : int
         Seed of the order of the parts of the pupil over depths.
     eyebox : float
         Weight of the parts of the pupil, see `kinds_for`.
-    optics : Optics
-        Optics with the stop; parts of the pupil are those of its `opening`.
-    places : (EvenSteps, EvenSteps), optional
-        Rows and columns of the image between those of the fields, at which views of the whole pupil are sampled as far
-        as FFTs allow. Default: those of the fields.
     on_wait : callable
         Called several times a second while views are computed; may raise `Cancelled`.
     on : array, optional
@@ -130,68 +167,46 @@ class Views:
 
     Attributes
     ----------
+    volume : ViewedVolume
+    on_wait : callable
     kinds : list of (ViewKind, list of int)
         Each kind, and the numbers of its views; the whole pupil first.
-    wanted : list of array, float32, shape (y, x)
-        Intensity of each view.
     viewpoints : list of Viewpoint
         Viewpoint of each view.
     padded : (int, int)
         Shape of spectra.
     transforms : float
         FFTs of that shape for each frame, for all views.
-    frames : int
-        Number of frames added.
     """
 
     def __init__(
         self,
-        shape: tuple[int, int],
-        pitch: Pitch,
-        wavelength: float,
-        low: float,
-        high: float,
+        volume: ViewedVolume,
         frames: int,
         seed: int,
         eyebox: float = 1.0,
-        optics: Optics = ON_AXIS,
-        places: Sequence[EvenSteps] | None = None,
         on_wait: Callable[[], object] = lambda: None,
         on: Array = PROCESSOR,
     ) -> None:
-        self.shape, self._places, self._on_wait = shape, places, on_wait
-        farthest = max(abs(low), abs(high))
-        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, OPTIMIZATION_GUARD)))
-        if places is not None:
-            self.padded = commensurate(self.padded, places, MAX_STRIDE)
+        self.volume, self.padded, self.on_wait = volume, volume.padded, on_wait
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
-        self.targets = []
-        self._optics = optics
-        space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch), on)
+        passes = volume.optics.passes(self.padded, volume.pitch)
+        space = FreeSpace(self.padded, volume.pitch, volume.wavelength, passes, on)
         self._transfers = TransferCache(space)
         self._views: list[_View] = []
-        self.frames = 0
-        x, y, radius = optics.opening
-        slope = radius * math.tan(math.asin(wavelength / (2 * coarsest(pitch))))
+        x, y, radius = volume.optics.opening
         rng = np.random.default_rng(seed)
-        self._reach, self._pitch = slope / coarsest(pitch), pitch
-        depths = min(MAX_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
-        self.transforms = 1 + depths * transforms(frames, eyebox)
+        self.transforms = 1 + len(volume.distances) * transforms(frames, eyebox)
         for kind, numbers in self.kinds:
-            each = kind.number(frames)
-            distances = np.repeat(np.linspace(low, high, depths), each)
-            for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
+            distances = np.repeat(volume.distances, kind.number(frames))
+            for distance, part in zip(distances, _parts(kind.radius, len(distances), rng), strict=True):
                 numbers.append(len(self._views))
                 on_wait()
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
                 viewpoint = Viewpoint(float(distance), part)
-                self._views.append(_View(viewpoint, kind.apart, self.padded, pitch, places, on))
-        for view in self._views:
-            size = tuple(-(-n // view.apart) for n in shape)
-            if places is not None and view.viewpoint.part is None:
-                size = tuple(line.count for line in places)
-            self.targets.append(arrays.zeros(size, "float32", on))
+                view = _View(viewpoint, kind.apart, self.padded, volume.pitch, volume.places, on)
+                self._views.append(view)
 
     @property
     def viewpoints(self) -> list[Viewpoint]:
@@ -201,48 +216,12 @@ class Views:
     def __len__(self) -> int:
         return len(self._views)
 
-    def add(self, fields: Array) -> None:
-        """Add frames to the target means; fields of shape (frames, y, x)."""
-        before, self.frames = self.frames, self.frames + fields.shape[0]
-        for target in self.targets:
-            target *= float(before)
-        for batch in _batches(fields.shape[0], self.padded):
-            spectra = self.spectra(fields[batch, ...])
-            for number, target in enumerate(self.targets):
-                target += intensity(self.waves(spectra, number), target.shape)
-        for target in self.targets:
-            target *= 1 / self.frames
-
-    def unvignette(self) -> None:
-        """Brighten the targets near their edges as if the fields had none; once, after all frames.
-
-        Part of the cone of light from a point near an edge misses the SLM. The part that meets it is brightened
-        accordingly, through any part of the pupil, so that the whole pupil sees no dark border.
-        """
-        captured: dict[float, np.ndarray] = {}
-        for number, view in enumerate(self._views):
-            distance, apart = view.viewpoint.distance, view.apart
-            if distance not in captured:
-                radius = abs(distance) * self._reach
-                captured[distance] = _captured_fraction(self.shape, self.padded, radius, self._pitch)
-            rows, columns = (np.arange(0, n, apart) for n in self.shape)
-            if self._places is not None and view.viewpoint.part is None:
-                rows, columns = map(_nearest, self._places, self.shape)
-            fraction = captured[distance][np.ix_(rows, columns)]
-            self.targets[number] /= arrays.like(fraction, self.targets[number])
-
-    def sharpen(self) -> None:
-        """Deblur the targets through the whole stop; once, after `unvignette`.
-
-        Frames of random phases show the image * abs(h)^2, where h is the transform of the stop. Optimized phases can
-        show the image itself: the light of a frame is coherent, and its phases need not be random. The Richardson-Lucy
-        iteration finds the image, and keeps it positive (W. H. Richardson, J. Opt. Soc. Am. 62, 55 (1972)).
-        """
-        for number, view in enumerate(self._views):
-            if view.viewpoint.part is None:
-                self._on_wait()
-                pitch = 1.0 if self._places is not None else self._pitch
-                self.targets[number] = _deblurred(self.targets[number], self._optics, pitch)
+    def nearest_pixels(self, number: int) -> list[np.ndarray]:
+        """Rows and columns of the fields' pixels that are nearest to the samples of a view."""
+        view, shape, places = self._views[number], self.volume.shape, self.volume.places
+        if places is not None and view.viewpoint.part is None:
+            return [_nearest(line, n) for line, n in zip(places, shape, strict=True)]
+        return [np.arange(0, n, view.apart) for n in shape]
 
     def spectra(self, light: Array) -> Array:
         """Return the padded spectra of light; both of shape (frame, y, x)."""
@@ -253,14 +232,15 @@ class Views:
 
     def light(self, spectra: Array) -> Array:
         """Return the light of padded spectra, which are overwritten."""
+        rows, columns = self.volume.shape
         for batch in self._transform_batches(spectra):
             spectra[batch, ...] = arrays.ifft2(spectra[batch, ...], overwrite=True, workers=threads())
-        return spectra[:, : self.shape[0], : self.shape[1]]
+        return spectra[:, :rows, :columns]
 
     def _transform_batches(self, spectra):
         """Yield slices of frames that are transformed at once, with a chance to cancel before each."""
         for batch in _batches(spectra.shape[0], spectra.shape[1:]):
-            self._on_wait()
+            self.on_wait()
             yield batch
 
     def waves(self, spectra: Array, number: int) -> Array:
@@ -290,6 +270,73 @@ class Views:
         if view.passes is None:
             return whole
         return view.cut(whole[None, ...])[0, ...] * view.passes
+
+
+class ViewTargets:
+    """Target mean intensities of views.
+
+    Parameters
+    ----------
+    views : Views
+    on : array, optional
+        Array whose library and device compute. Default: NumPy.
+
+    Attributes
+    ----------
+    views : Views
+    intensities : list of array, float32, shape (y, x)
+        Target of each view.
+    frames : int
+        Number of frames added.
+    """
+
+    def __init__(self, views: Views, on: Array = PROCESSOR) -> None:
+        self.views, self.frames = views, 0
+        shapes = (tuple(map(len, views.nearest_pixels(number))) for number in range(len(views)))
+        self.intensities = [arrays.zeros(shape, "float32", on) for shape in shapes]
+
+    def add(self, fields: Array) -> None:
+        """Add frames to the target means; fields of shape (frames, y, x)."""
+        before, self.frames = self.frames, self.frames + fields.shape[0]
+        for target in self.intensities:
+            target *= float(before)
+        for batch in _batches(fields.shape[0], self.views.padded):
+            spectra = self.views.spectra(fields[batch, ...])
+            for number, target in enumerate(self.intensities):
+                target += intensity(self.views.waves(spectra, number), target.shape)
+        for target in self.intensities:
+            target *= 1 / self.frames
+
+    def unvignette(self) -> None:
+        """Brighten the targets near their edges as if the fields had none; once, after all frames.
+
+        Part of the cone of light from a point near an edge misses the SLM. The part that meets it is brightened
+        accordingly, through any part of the pupil, so that the whole pupil sees no dark border.
+        """
+        views, volume = self.views, self.views.volume
+        reach = volume.slope / coarsest(volume.pitch)
+        captured: dict[float, np.ndarray] = {}
+        for number, viewpoint in enumerate(views.viewpoints):
+            distance = viewpoint.distance
+            if distance not in captured:
+                radius = abs(distance) * reach
+                captured[distance] = _captured_fraction(volume.shape, views.padded, radius, volume.pitch)
+            fraction = captured[distance][np.ix_(*views.nearest_pixels(number))]
+            self.intensities[number] /= arrays.like(fraction, self.intensities[number])
+
+    def sharpen(self) -> None:
+        """Deblur the targets through the whole stop; once, after `unvignette`.
+
+        Frames of random phases show the image * abs(h)^2, where h is the transform of the stop. Optimized phases can
+        show the image itself: the light of a frame is coherent, and its phases need not be random. The Richardson-Lucy
+        iteration finds the image, and keeps it positive (W. H. Richardson, J. Opt. Soc. Am. 62, 55 (1972)).
+        """
+        volume = self.views.volume
+        pitch = 1.0 if volume.places is not None else volume.pitch
+        for number, viewpoint in enumerate(self.views.viewpoints):
+            if viewpoint.part is None:
+                self.views.on_wait()
+                self.intensities[number] = _deblurred(self.intensities[number], volume.optics, pitch)
 
 
 def intensity(waves: Array, shape: Sequence[int]) -> Array:

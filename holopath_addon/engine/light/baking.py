@@ -10,7 +10,7 @@ from ..errors import InvalidInput
 from ..progress import Clock
 from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
-from ..scene.specular_chains import optics_of
+from ..scene.specular_chains import image_finder_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
 from .bake_store import Found, Stored
 from .camera_view import BakeRequest, CameraView
@@ -185,12 +185,19 @@ def bake(
     RadianceCache, Bake
     """
     progress = progress or (lambda done, message: None)
-    optics = optics_of(scene, camera, plan)
+    image_finder = image_finder_of(scene, camera, plan)
     clock = Clock()
     progress(0.0, "Looking for baked light")
     with clock("look"):
         request = BakeRequest(
-            scene, camera, hologram, plan.near, optics, plan.settings, plan.texel_noise, plan.texel_samples
+            scene,
+            camera,
+            hologram,
+            plan.near,
+            image_finder,
+            plan.settings,
+            plan.texel_noise,
+            plan.texel_samples,
         )
         found = store.take(request) if store and not anew else None
         found = found or find(request, None if anew else store)

@@ -44,7 +44,7 @@ class BakeRequest:
     hologram : Hologram
     near : float
         World depth of the volume's near end, meters.
-    optics : FirstHits or SpecularChains
+    image_finder : FirstHits or SpecularChains
     settings : Settings
     noise : float
         Target of the relative standard error of texels.
@@ -56,7 +56,7 @@ class BakeRequest:
     camera: Camera
     hologram: Hologram
     near: float
-    optics: FirstHits | SpecularChains
+    image_finder: FirstHits | SpecularChains
     settings: Settings
     noise: float
     max_samples: int
@@ -88,7 +88,7 @@ class CameraView:
         shift_x, shift_y = camera.shift_x / margin, camera.shift_y / margin
         self._camera = replace(camera, fov_x=fov, shift_x=shift_x, shift_y=shift_y)
         self._mapping = DepthMapping.of(request.hologram, self._camera, request.near)
-        self._optics, self._seed = request.optics, request.settings.seed
+        self._image_finder, self._seed = request.image_finder, request.settings.seed
 
     def _probe(self, stride):
         """Number of rays through the pupil and every `stride`-th pixel, their sampler and their image points."""
@@ -105,8 +105,8 @@ class CameraView:
         slope = limit * mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
         rays = Rays(hologram, self._camera, self._mapping, self._mapping.z_far)
         ray, _ = rays.world(*rays.place(column, row), slope.x, slope.y)
-        branch = mi.UInt32(sampler.next_1d() * self._optics.branches)
-        point = self._optics.view(self._scene, ray, branch)
+        branch = mi.UInt32(sampler.next_1d() * self._image_finder.branches)
+        point = self._image_finder.view(self._scene, ray, branch)
         point.path = point.path + rays.start
         return size, sampler, point
 

@@ -121,7 +121,7 @@ class Scenery:
         gloss = mapping.z_far + mapping.beta * probe.gloss
         bent = np.clip(mapping.z_far + mapping.beta * probe.images, z_low, z_high)
         self.hologram, self.settings, self.places = hologram, settings, places
-        self.edges = survey.pilot.edges(survey.chains.optics)
+        self.edges = survey.pilot.edges(survey.chains.image_finder)
         self.branches = survey.chains.branches
         self.gloss, self.bent = (depths[:: len(depths) // MAX_DEPTHS + 1] for depths in (gloss, bent))
         # images that may be near a plane, of those that are compared

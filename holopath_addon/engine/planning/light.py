@@ -70,8 +70,8 @@ def decide_diffuse_light(
     if store is not None:
         texel_noise, max_passes = noise.texel_noise(settings), noise.max_passes(settings)
         request = BakeRequest(
-            survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.optics, settings, texel_noise,
-            max_passes,
+            survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.image_finder, settings,
+            texel_noise, max_passes,
         )  # fmt: skip
         baked_fraction = found_in(store, request, cache.load_if_worthwhile)
     limit *= MAX_BAKING_RATIO if baked_fraction is None else 1
@@ -128,7 +128,7 @@ class _CacheCosts:
         if self.timed or self.loading_seconds + sum(stages.values()) > limit:
             return stages
         survey = self._survey
-        light = survey.pilot.with_short_paths(survey.light, survey.chains.optics)
+        light = survey.pilot.with_short_paths(survey.light, survey.chains.image_finder)
         self._survey = replace(survey, light=light)
         return self._estimate(baked_fraction)
 

@@ -139,7 +139,7 @@ class Pilot:
         nearest = depth.min(where=np.asarray(hit.is_valid()), initial=math.inf)
         return float(nearest) if math.isfinite(nearest) else None
 
-    def edges(self, optics: FirstHits | SpecularChains) -> Edges:
+    def edges(self, image_finder: FirstHits | SpecularChains) -> Edges:
         """`Edges` in the view along the axis, where depths differ by more than a grain's thickness."""
         width, height = self._hologram.width, self._hologram.height
         side = max(1, math.ceil(math.sqrt(width * height / NEAREST_PIXELS)))
@@ -148,8 +148,8 @@ class Pilot:
         index = dr.arange(mi.UInt32, columns * rows)
         place = self._rays.place(mi.Float(index % across) * step, mi.Float(index // across) * step)
         ray, depth_rate = self._rays.world(*place, mi.Float(0), mi.Float(0))
-        branch = mi.UInt32(self._random(columns * rows) * optics.branches)
-        view = optics.view(self.scene, ray, branch, drawn=True)
+        branch = mi.UInt32(self._random(columns * rows) * image_finder.branches)
+        view = image_finder.view(self.scene, ray, branch, drawn=True)
         first, visible = (
             np.array(self._rays.height_over_plane(distance, depth_rate, dr.isfinite(distance)))
             + self._mapping.z_far
@@ -202,12 +202,12 @@ class Pilot:
             compiling=compiling,
         )
 
-    def images(self, probe: Probe, optics: SpecularChains) -> Probe:
+    def images(self, probe: Probe, image_finder: SpecularChains) -> Probe:
         """Probe with the images that chains of mirrors and clear surfaces show."""
-        branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
+        branch = mi.UInt32(self.sampler.next_1d() * image_finder.branches)
         dr.make_opaque(branch)
         seconds, compiling, view = _timed(
-            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._timed_calls
+            lambda: image_finder.view(self.scene, self.ray, branch, drawn=True), self._timed_calls
         )
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > MIN_BEND * (path + 1)
@@ -236,21 +236,23 @@ class Pilot:
             cut=float(np.asarray(beyond).mean()),
         )
 
-    def longest_chain(self, optics_of: Callable[[int], SpecularChains], max_hits: int) -> tuple[int, float]:
+    def longest_chain(
+        self, chains_up_to: Callable[[int], SpecularChains], max_hits: int
+    ) -> tuple[int, float]:
         """Hits of a chain that suffice, and the fraction of the view that is lost with them.
 
         Parameters
         ----------
-        optics_of : callable
-            ``optics_of(hits)`` gives `SpecularChains`.
+        chains_up_to : callable
+            ``chains_up_to(hits)`` returns `SpecularChains` of at most that many hits.
         max_hits : int
             Hits that may be followed.
         """
-        branch = mi.UInt32(self.sampler.next_1d() * optics_of(max_hits).branches)
+        branch = mi.UInt32(self.sampler.next_1d() * chains_up_to(max_hits).branches)
         dr.eval(branch)
-        whole = self._light_through(optics_of(max_hits), branch)
+        whole = self._light_through(chains_up_to(max_hits), branch)
         for hits in (fewer for fewer in CHAIN_LENGTHS if fewer < max_hits):
-            lost = (whole - self._light_through(optics_of(hits), branch)) / np.maximum(whole, 1e-30)
+            lost = (whole - self._light_through(chains_up_to(hits), branch)) / np.maximum(whole, 1e-30)
             if (lost < (MIN_VIEW_FRACTION, MAX_LAMP_LOSS)).all():
                 return hits, max(lost[0], 0.0)
         return max_hits, 0.0
@@ -258,7 +260,7 @@ class Pilot:
     def light(
         self,
         tracer: PathTracer,
-        optics: FirstHits | SpecularChains,
+        image_finder: FirstHits | SpecularChains,
         min_vertices: int,
         max_vertices: int,
         firefly_limit: float,
@@ -268,7 +270,7 @@ class Pilot:
         Parameters
         ----------
         tracer : PathTracer
-        optics : FirstHits or SpecularChains
+        image_finder : FirstHits or SpecularChains
         min_vertices, max_vertices : int
             Vertices that a path has at least, and that the tracer's have at most.
         firefly_limit : float
@@ -278,21 +280,23 @@ class Pilot:
         -------
         Light
         """
-        starts = self._starts(optics)
-        seconds, compiling, found = _timed(lambda: self._traced(starts, optics, tracer), self._timed_calls)
+        starts = self._starts(image_finder)
+        seconds, compiling, found = _timed(
+            lambda: self._traced(starts, image_finder, tracer), self._timed_calls
+        )
         light = light_of(self._paths(*found), min_vertices, max_vertices, firefly_limit)
         return replace(light, paths_per_second=self._grains * PILOT_PATHS / seconds, compiling=compiling)
 
-    def with_short_paths(self, light: Light, optics: FirstHits | SpecularChains) -> Light:
+    def with_short_paths(self, light: Light, image_finder: FirstHits | SpecularChains) -> Light:
         """Add to `light` the speed of paths that end at the first surface that lamps light."""
-        starts, tracer = self._starts(optics), PathTracer(*DIRECT)
-        seconds, *_ = _timed(lambda: self._traced(starts, optics, tracer), 1)
+        starts, tracer = self._starts(image_finder), PathTracer(*DIRECT)
+        seconds, *_ = _timed(lambda: self._traced(starts, image_finder, tracer), 1)
         speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
-    def _light_through(self, optics, branch):
+    def _light_through(self, image_finder, branch):
         """Sums over whole chains: of the fractions of light that reach the viewer, and of the light of lamps."""
-        view = optics.view(self.scene, self.ray, branch, drawn=True)
+        view = image_finder.view(self.scene, self.ray, branch, drawn=True)
         whole = view.exists & ~view.cut
         si = view.surface.compute_surface_interaction(view.ray, mi.RayFlags.All, whole)
         lamps = si.emitter(self.scene, whole).eval(si, whole)
@@ -319,7 +323,7 @@ class Pilot:
             pitch=self._hologram.pitch,
         )
 
-    def _starts(self, optics):
+    def _starts(self, image_finder):
         """`_Starts` of a few paths of each grain."""
         grains = self._grains
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
@@ -330,19 +334,19 @@ class Pilot:
         place = self._rays.place(column + turn.x - 0.5, row + turn.y - 0.5)
         ray, depth_rate = self._rays.world(*place, slope.x, slope.y)
         branch = mi.UInt32(0)
-        if optics.branches > 1:
-            branch = mi.UInt32(dr.gather(mi.Float, self._random(grains), index) * optics.branches)
+        if image_finder.branches > 1:
+            branch = mi.UInt32(dr.gather(mi.Float, self._random(grains), index) * image_finder.branches)
         dr.make_opaque(index, turn, slope, ray, depth_rate, branch)
         return _Starts(index, turn, slope, ray, depth_rate, branch)
 
-    def _traced(self, starts, optics, tracer):
+    def _traced(self, starts, image_finder, tracer):
         """Trace the paths of some starts.
 
         Returns all light of each path, its light up to the first surface that lamps light, its light by vertices, the
         cell that it meets, the reflectance there, and whether that is an emitter.
         """
         paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
-        view = optics.view(self.scene, starts.ray, starts.branch, drawn=True)
+        view = image_finder.view(self.scene, starts.ray, starts.branch, drawn=True)
         found = tracer.by_vertices(self.scene, paths, view, VERTEX_COUNTS)
         through = dr.select(view.exists, 1, 0) / view.color
         if view.weight is not None:
@@ -396,7 +400,7 @@ class _Starts:
     """Starts of paths, in Dr.Jit types.
 
     Number of the grain, place in a pixel of the recording plane, slope, world ray and its depth per distance, and the
-    branch of the optics that it takes.
+    branch that the image finder follows.
     """
 
     index: mi.UInt32

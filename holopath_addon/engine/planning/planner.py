@@ -279,7 +279,7 @@ def replan_after_bake(
     Plan
     """
     from ..light.path_tracer import PathTracer
-    from ..scene.specular_chains import optics_of
+    from ..scene.specular_chains import image_finder_of
     from . import noise
     from .light import CACHED_PASSES
     from .pilot import Pilot
@@ -288,8 +288,9 @@ def replan_after_bake(
     if settings.radiance == "ray" or "passes" in settings.fixed:
         return plan
     pilot = Pilot.of(scene, hologram, camera, DepthMapping.of(hologram, camera, plan.near), settings)
-    tracer, optics = PathTracer(plan.max_depth, plan.radiance_limit, cache), optics_of(scene, camera, plan)
-    light = pilot.light(tracer, optics, plan.max_depth, plan.max_depth, noise.firefly_limit(settings))
+    tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
+    image_finder = image_finder_of(scene, camera, plan)
+    light = pilot.light(tracer, image_finder, plan.max_depth, plan.max_depth, noise.firefly_limit(settings))
     passes = noise.passes_for(settings, noise.path_variance(settings, light), CACHED_PASSES)
     return replace(plan, passes=min(passes, plan.passes))
 

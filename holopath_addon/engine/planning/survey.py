@@ -44,7 +44,7 @@ class Chains:
     ----------
     probe : Probe
         With what chains show.
-    optics : FirstHits or SpecularChains
+    image_finder : FirstHits or SpecularChains
     virtual_image : str
         Placement of images, of `Settings.virtual_image`.
     longest, splits : int
@@ -54,7 +54,7 @@ class Chains:
     """
 
     probe: Probe
-    optics: FirstHits | SpecularChains
+    image_finder: FirstHits | SpecularChains
     virtual_image: str
     longest: int = 0
     splits: int = 0
@@ -149,10 +149,11 @@ def survey_scene(
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)
     chain_decision = decide_chains(pilot, settings)
     progress(0.4)
-    optics, probe = chain_decision.value.optics, chain_decision.value.probe
+    image_finder, probe = chain_decision.value.image_finder, chain_decision.value.probe
     max_depth = settings.max_depth
     min_depth = max_depth if "max_depth" in settings.fixed else 1
-    light = pilot.light(PathTracer(max_depth), optics, min_depth, max_depth, noise.firefly_limit(settings))
+    firefly_limit = noise.firefly_limit(settings)
+    light = pilot.light(PathTracer(max_depth), image_finder, min_depth, max_depth, firefly_limit)
     ends = probe.vergence_range([limit / near for limit in IMAGE_LIMITS])
     if probe.turn <= MIN_GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
         probe = replace(probe, gloss=np.empty(0))
@@ -198,9 +199,9 @@ def _longest_chains(pilot, settings, first, max_hits):
     """Decide on the length, the branches and the images of chains with at most `max_hits` hits."""
     fixed, image = settings.fixed, settings.virtual_image
     pupil = pilot.pupil if first.nearly_specular > MIN_VIEW_FRACTION else 0.0
-    optics_of = partial(SpecularChains, pilot.scene, image, sky=pilot.camera.sees_sky, pupil=pupil)
-    probe = pilot.images(first, optics_of(max_hits))
-    longest, lost = (max_hits, 0.0) if "chain" in fixed else pilot.longest_chain(optics_of, max_hits)
+    chains_up_to = partial(SpecularChains, pilot.scene, image, sky=pilot.camera.sees_sky, pupil=pupil)
+    probe = pilot.images(first, chains_up_to(max_hits))
+    longest, lost = (max_hits, 0.0) if "chain" in fixed else pilot.longest_chain(chains_up_to, max_hits)
     splits = fixed.get("splits", probe.splits)
     exact = not probe.bent and "chain" not in fixed
     reason = f"{probe.specular + probe.nearly_specular:.1%} of the view mirrors or lets through; images by "
@@ -209,7 +210,7 @@ def _longest_chains(pilot, settings, first, max_hits):
     reason += f"; {1 << splits} branches of each ray" if splits else ""
     saving = f"{max_hits - longest} hits of {max_hits}" if longest < max_hits else ""
     decision = Decision("specular hits", f"up to {longest}", reason, saving, math.sqrt(lost))
-    chains = Chains(probe, optics_of(longest, splits), "opl" if exact else image, longest, splits, pupil)
+    chains = Chains(probe, chains_up_to(longest, splits), "opl" if exact else image, longest, splits, pupil)
     cut_off = (
         f"{probe.cut:.0%} of the view lies behind more than {max_hits} mirrors and clear surfaces and stays "
         "black. Follow more of them (--max-specular-depth, Mirrors, Glass)."

@@ -1,4 +1,7 @@
-"""Coherent chains of mirrors and clear surfaces that rays follow (stages s4 and s6 of the paper)."""
+"""Coherent chains of mirrors and clear surfaces that rays follow (stages s4 and s6 of the paper).
+
+An image finder returns the `ImagePoint` that a ray shows, by ``view``, for each of its ``branches``.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ FAR = 1e4  # meters: stands for infinity where a ray leaves the scene
 
 
 class FirstHits:
-    """Optics without mirrors and clear surfaces in view: the first surface is the image point.
+    """Image finder without mirrors and clear surfaces: the first surface of a ray is the image point.
 
     Parameters
     ----------
@@ -58,7 +61,7 @@ class FirstHits:
 
 
 class OwnLight:
-    """Optics of surfaces themselves, without the images in them: only chains that end at the first surface.
+    """Image finder of surfaces themselves, without the images in them: only chains that end at the first surface.
 
     Parameters
     ----------
@@ -81,7 +84,7 @@ class OwnLight:
 
 
 class Images:
-    """Optics of images in mirrors and clear surfaces, without these surfaces themselves.
+    """Image finder of what mirrors and clear surfaces show, without these surfaces themselves.
 
     Parameters
     ----------
@@ -208,7 +211,7 @@ class _Chain:
 
 
 class SpecularChains:
-    """Optics that follow rays over mirrors and through clear surfaces to the first point P that scatters.
+    """Image finder that follows rays over mirrors and through clear surfaces to the first point P that scatters.
 
     At the first `splits` hits with a choice (stay at P, reflect, transmit), bits of the branch number choose. Later
     hits end the chain if the surface scatters at all, with the mirror image as part of P's radiance, and else follow
@@ -407,8 +410,8 @@ class SpecularChains:
         )
 
 
-def optics_of(scene: mi.Scene, camera: Camera, plan: Plan) -> FirstHits | SpecularChains:
-    """Make the optics of a plan, by which rays are followed."""
+def image_finder_of(scene: mi.Scene, camera: Camera, plan: Plan) -> FirstHits | SpecularChains:
+    """Image finder over as many mirrors and clear surfaces as a plan follows."""
     if not plan.chain:
         return FirstHits(plan.coherent, camera.sees_sky)
     return SpecularChains(

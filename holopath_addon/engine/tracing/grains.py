@@ -244,7 +244,7 @@ def _pixels(paths, passes):
 def grains_of(
     scene: mi.Scene,
     rays: Rays,
-    optics: FirstHits | SpecularChains,
+    image_finder: FirstHits | SpecularChains,
     grid: GrainGrid,
     units: range,
     sampling: SamplingPass,
@@ -254,7 +254,7 @@ def grains_of(
 
     Parameters
     ----------
-    scene, rays, optics, grid
+    scene, rays, image_finder, grid
         Parameters of `measurement.Measurement`.
     units : range
         Numbers below `unit_count`.
@@ -281,8 +281,9 @@ def grains_of(
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
-    branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
-    point = optics.view(scene, ray, branch, drawn=True)
+    branches = image_finder.branches
+    branch = mi.UInt32(sampler.next_1d() * branches) if branches > 1 else mi.UInt32(0)
+    point = image_finder.view(scene, ray, branch, drawn=True)
     first = rays.height_over_plane(point.first, depth_rate, dr.isfinite(point.first))
     dz = rays.within(rays.height_over_plane(point.distance, depth_rate, point.hit))
     over = mi.Int(dr.round(column + slope.x * dz / rays.pitch))

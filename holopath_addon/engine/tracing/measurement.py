@@ -59,7 +59,7 @@ class Measurement:
     ----------
     scene : mitsuba.Scene
     rays : Rays
-    optics : FirstHits or SpecularChains
+    image_finder : FirstHits or SpecularChains
     tracer : PathTracer
     grid : GrainGrid
     plan : Plan
@@ -73,13 +73,13 @@ class Measurement:
         self,
         scene: mi.Scene,
         rays: Rays,
-        optics: FirstHits | SpecularChains,
+        image_finder: FirstHits | SpecularChains,
         tracer: PathTracer,
         grid: GrainGrid,
         plan: Plan,
         wavelengths: Sequence[float],
     ) -> None:
-        self._scene, self._rays, self._optics, self._tracer = scene, rays, optics, tracer
+        self._scene, self._rays, self._image_finder, self._tracer = scene, rays, image_finder, tracer
         self._grid, self._plan, self._wavelengths = grid, plan, wavelengths
         # unit of radiance, so that squares are whole numbers of steps, too
         self._unit = plan.white if 0 < plan.white < math.inf else 1.0
@@ -114,7 +114,7 @@ class Measurement:
         totals = self._light if sampling.kind == "light" and self._light else self._zeros(sampling.kind)
         count, seed = unit_count(self._grid, sampling.rays), self._plan.settings.seed
         for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
-            grains = grains_of(self._scene, self._rays, self._optics, self._grid, some, sampling, seed)
+            grains = grains_of(self._scene, self._rays, self._image_finder, self._grid, some, sampling, seed)
             add[sampling.kind](grains, totals)
             dr.eval(totals)
             dr.sync_thread()

@@ -16,7 +16,7 @@ from ..light.path_tracer import PathsPerRay, PathTracer
 from ..mapping import DepthMapping
 from ..scene.buffers import loaded
 from ..scene.rays import Rays, intersect
-from ..scene.specular_chains import FirstHits, Images, OwnLight, optics_of
+from ..scene.specular_chains import FirstHits, Images, OwnLight, image_finder_of
 from ..scene.variants import threads
 from .estimators import LatticeEstimator, RandomEstimator
 from .grain_grid import GrainGrid
@@ -82,7 +82,7 @@ class Recording:
         self._kept_regions, self._parts, self._estimators, self._silhouettes = {}, {}, {}, {}
         self.error: float | None = None
         self.passes: int | None = None
-        self.optics = optics_of(scene, camera, plan)
+        self.image_finder = image_finder_of(scene, camera, plan)
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Measure the radiance of grains; or return the source of a path for each ray, if the settings say so.
@@ -107,13 +107,13 @@ class Recording:
         plan, hologram = self.plan, self.hologram
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
         cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
-        grid = GrainGrid(*size, *cells, slope, self.optics.branches)
+        grid = GrainGrid(*size, *cells, slope, self.image_finder.branches)
         middle = plan.z_middle
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
         wavelengths = hologram.wavelengths[:1] if plan.gray else hologram.wavelengths
-        return Measurement(self.scene, rays, self.optics, self.tracer, grid, plan, wavelengths)
+        return Measurement(self.scene, rays, self.image_finder, self.tracer, grid, plan, wavelengths)
 
     @property
     def canvas(self) -> tuple[int, int]:
@@ -185,29 +185,29 @@ class Recording:
                 plane.slab,
                 plane.images,
             )
-            optics = self._optics(plane, region)
+            image_finder = self._image_finder(plane, region)
             estimator = self._estimator(region.depth_limit, plane.rays, straight)
-            in_phase = straight > 0 and optics.branches > 1
-            part = Part(region.pixels, rays, estimator, optics, in_phase)
+            in_phase = straight > 0 and image_finder.branches > 1
+            part = Part(region.pixels, rays, estimator, image_finder, in_phase)
             self._parts[plane, number, straight] = part
         return self._parts[plane, number, straight]
 
-    def _optics(self, plane, region):
-        """Optics by which rays of a region are followed."""
+    def _image_finder(self, plane, region):
+        """Image finder for the rays of a region."""
         sky = self.camera.sees_sky and plane.slab.far[0] <= self.mapping.z_far
         if not region.chains:
             return FirstHits(self.plan.coherent, sky)
         if plane.sees == "images":
-            return Images(self.optics)
+            return Images(self.image_finder)
         if self.plan.chain and plane.sees == "surfaces":
-            return OwnLight(self.optics, sky)
-        return self.optics
+            return OwnLight(self.image_finder, sky)
+        return self.image_finder
 
     def _rays(self, plane, region):
         """Rays of a pixel, branches included."""
         paper = self.plan.settings.estimator == "paper"
         rays = plane.rays if paper else self._lattice(region.depth_limit, plane.rays).rays
-        return rays * self._optics(plane, region).branches
+        return rays * self._image_finder(plane, region).branches
 
     def _lattice(self, depth_limit, max_rays):
         hologram, plan = self.hologram, self.plan

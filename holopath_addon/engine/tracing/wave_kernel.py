@@ -45,7 +45,7 @@ class Part:
         Numbers, row by row.
     rays : Rays
     estimator : LatticeEstimator or RandomEstimator
-    optics : FirstHits or SpecularChains
+    image_finder : FirstHits or SpecularChains
     in_phase : bool
         Whether some light of surfaces is in phase: branches are then kept apart by phases of their own.
     """
@@ -53,13 +53,13 @@ class Part:
     pixels: np.ndarray
     rays: Rays
     estimator: LatticeEstimator | RandomEstimator
-    optics: FirstHits | SpecularChains
+    image_finder: FirstHits | SpecularChains
     in_phase: bool = False
 
     @property
     def rays_per_pixel(self) -> int:
         """Rays of a pixel, branches included."""
-        return self.estimator.rays * self.optics.branches
+        return self.estimator.rays * self.image_finder.branches
 
 
 @dataclass(frozen=True)
@@ -160,12 +160,12 @@ class WaveKernel:
     def _ray(self, part, pixels, step, random, sampler):
         """Amplitude and kernel of each wavelength for one ray of each pixel, and column and row in the phase maps."""
         column, row, x, y = pixels
-        rays, estimator, optics = part.rays, part.estimator, part.optics
+        rays, estimator, image_finder = part.rays, part.estimator, part.image_finder
         channels = [channel(w) for w in self.hologram.wavelengths]
-        branch = step % optics.branches
-        slope_x, slope_y, direction = estimator.direction(step // optics.branches, random)  # s1
+        branch = step % image_finder.branches
+        slope_x, slope_y, direction = estimator.direction(step // image_finder.branches, random)  # s1
         ray, depth_rate = rays.world(x, y, slope_x, slope_y)  # s2
-        point = optics.view(self.scene, ray, branch)  # s3, s4
+        point = image_finder.view(self.scene, ray, branch)  # s3, s4
         dz = rays.height_over_plane(point.distance, depth_rate, point.hit)  # s6
         first = rays.height_over_plane(point.first, depth_rate, dr.isfinite(point.first))
         weight, dz = rays.weight(first, dz), rays.within(dz)

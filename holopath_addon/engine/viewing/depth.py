@@ -69,7 +69,7 @@ def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.nd
 
 
 def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, height: int) -> np.ndarray:
-    """Depth at which each pixel's center comes into focus, by the plan's own optics.
+    """Depth at which each pixel's center comes into focus, over the mirrors and clear surfaces that the plan follows.
 
     For mirrors and clear surfaces it is the depth of the image that they show, seen from the pupil's center; for all
     others that of the surface. Where several images overlap, the brightest one counts.
@@ -98,18 +98,18 @@ def image_depth_map(scene: mi.Scene, camera: Camera, plan: Plan, width: int, hei
     import drjit as dr
     import mitsuba as mi
 
-    from ..scene.specular_chains import optics_of
+    from ..scene.specular_chains import image_finder_of
 
     origins, directions = _lines(camera, *_pixels(camera, width, height))
     lengths = np.linalg.norm(directions, axis=0)
     ray = _rays(origins, directions / lengths)
     reach = min(camera.clip_end, FARTHEST) - camera.clip_start
     ray.maxt = mi.Float((reach * lengths).astype(np.float32))
-    optics = optics_of(scene, camera, plan)
+    image_finder = image_finder_of(scene, camera, plan)
     max_weight = np.zeros(len(lengths), np.float32)
     depths = np.full(len(lengths), math.inf, np.float32)
-    for branch in range(optics.branches):
-        view = optics.view(scene, ray, dr.full(mi.UInt32, branch, len(lengths)))
+    for branch in range(image_finder.branches):
+        view = image_finder.view(scene, ray, dr.full(mi.UInt32, branch, len(lengths)))
         weight = np.asarray(view.exists, np.float32) * (
             1 if view.weight is None else np.asarray(dr.max(view.weight))
         )

@@ -15,7 +15,7 @@ from holopath_addon.engine.encoding import views as views_module
 from holopath_addon.engine.encoding.double_phase import SPREAD, even_double_phase
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
-from holopath_addon.engine.encoding.views import Views
+from holopath_addon.engine.encoding.views import ViewedVolume, Views, ViewTargets
 from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
@@ -152,14 +152,16 @@ def test_gradient_against_finite_differences(library, kind, pool):
         if kind == "views elsewhere":
             pitch, places = (0.8 * PITCH, PITCH), (EvenSteps(-0.4, 1.02, 27), EvenSteps(0.3, 1.25, 32))
         whole = made(fields.astype(np.complex64))
-        views = Views(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, 3, 0, places=places, on=whole)
+        volume = ViewedVolume(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, places=places)
+        views = Views(volume, 3, 0, on=whole)
         chosen = [
             (numbers[-1], share) for (_, numbers), share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)
         ]
-        views.add(whole)
+        targets = ViewTargets(views, whole)
+        targets.add(whole)
 
         def gradient(light):
-            view_losses = descent.ViewLosses(light, views, 1.0)
+            view_losses = descent.ViewLosses(light, targets, 1.0)
             view_losses.gain = 1.3
             back = view_losses.gradient(light, chosen)
             return sum(share * view_losses.losses[n] for n, share in chosen), back, np.ones(3)
@@ -464,7 +466,7 @@ def test_frames_that_do_not_fit_into_memory(monkeypatch):
     """Done in groups: better than one by one, if not as all together."""
     field = wave_field(band_limited((48, 48), frames=4))
     whole = engine.encode(field, "joint", max_steps=30)
-    padded = Views((48, 48), PITCH, GREEN, -2e-3, 2e-3, 4, 0).padded
+    padded = ViewedVolume((48, 48), PITCH, GREEN, -2e-3, 2e-3).padded
     monkeypatch.setattr(encoder, "MAX_BYTES", 2 * padded[0] * padded[1] * encoder.BYTES["together"])
     parts = engine.encode(field, "joint", max_steps=30)
     stages = [stage["stage"] for stage in parts.report["stages"]]
@@ -634,9 +636,10 @@ def test_randomness_and_eyebox_that_do_not_fit(options, words):
 
 
 def test_the_whole_pupil_alone():
-    views = Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, 3, 0, eyebox=0)
+    volume = ViewedVolume((32, 32), PITCH, GREEN, 1e-3, 4e-3)
+    views = Views(volume, 3, 0, eyebox=0)
     assert len(views.kinds) == 1 and views.kinds[0][0].weight == 1 and len(views) == len(views.kinds[0][1])
-    weights = [kind.weight for kind, _ in Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, 3, 0, eyebox=0.5).kinds]
+    weights = [kind.weight for kind, _ in Views(volume, 3, 0, eyebox=0.5).kinds]
     assert weights == pytest.approx([0.95, 0.025, 0.025])
 
 
@@ -783,7 +786,7 @@ def test_refinement_that_is_stopped_keeps_its_best_round():
 
 def test_frames_that_are_refined_in_groups(monkeypatch):
     field, more = wave_field(smooth(4, shape=(32, 32))), many(smooth(24, 1, (32, 32)))
-    padded = Views((32, 32), PITCH, GREEN, 1e-3, 2e-3, 4, 0).padded
+    padded = ViewedVolume((32, 32), PITCH, GREEN, 1e-3, 2e-3).padded
     monkeypatch.setattr(encoder, "MAX_BYTES", 2 * math.prod(padded) * encoder.BYTES["together"])
     phase = engine.encode(field, "refine", extra_frames=more, max_steps=60)
     stages = phase.report["stages"][-2:]
@@ -812,10 +815,11 @@ def test_whole_views_are_pictures_where_colors_lie_apart(monkeypatch):
     field = replace(wave_field(band_limited(shape, frames=2)), hologram=hologram)
     raster = hologram.raster(GREEN)
     places = hologram.picture.raster().lines_on(raster)
-    views = Views(shape, raster.pitch, GREEN, 1e-3, 2e-3, frames=2, seed=3, eyebox=0, places=places)
-    views.add(field.data[:, 0])
+    volume = ViewedVolume(shape, raster.pitch, GREEN, 1e-3, 2e-3, places=places)
+    targets = ViewTargets(Views(volume, frames=2, seed=3, eyebox=0))
+    targets.add(field.data[:, 0])
     image = engine.reconstruct(field, [math.inf])[0, ..., 0]
-    error = views.targets[views.kinds[0][1][0]] - image
+    error = targets.intensities[targets.views.kinds[0][1][0]] - image
     assert np.sqrt((error**2).mean()) < 0.1 * image.mean()  # edges have other bins
 
 
@@ -826,24 +830,25 @@ def test_views_are_those_of_a_field(monkeypatch):
     )  # the grid of a field that has not been through an SLM
     shape = 47, 63  # whose padded ones are alike
     field = wave_field(band_limited(shape, frames=3))
-    views = Views(shape, PITCH, GREEN, 1e-3, 2e-3, frames=3, seed=3)
+    views = Views(ViewedVolume(shape, PITCH, GREEN, 1e-3, 2e-3), frames=3, seed=3)
+    targets = ViewTargets(views)
     with FramePool():
         for m in range(3):
-            views.add(field.data[m : m + 1, 0])
+            targets.add(field.data[m : m + 1, 0])
     image = engine.reconstruct(field, [math.inf])[0, ..., 0]
-    np.testing.assert_allclose(views.targets[views.kinds[0][1][0]], image, atol=3e-3 * image.max())
+    np.testing.assert_allclose(targets.intensities[views.kinds[0][1][0]], image, atol=3e-3 * image.max())
     for (_, numbers), apart in zip(views.kinds[1:], (2, 4), strict=True):
         pictures = TargetImages(shape, PITCH, GREEN, [views.viewpoints[n] for n in numbers])
         pictures.add(field.data[:, 0])
         for number, expected in zip(numbers, pictures.targets, strict=True):
-            error = views.targets[number] - expected[::apart, ::apart]
+            error = targets.intensities[number] - expected[::apart, ::apart]
             assert np.sqrt((error**2).mean()) < 0.2 * expected.mean()  # their edges have other bins
 
 
 @pytest.mark.parametrize(("frames", "each"), [(1, (4, 8)), (8, (4, 8)), (24, (12, 24)), (96, (12, 24))])
 def test_parts_of_the_pupil_that_are_looked_through_lie_all_over_it(frames, each):
     """The two closest of n disks on a spiral are about as far apart as the area of the larger disk allows."""
-    views = Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, frames, seed=3)
+    views = Views(ViewedVolume((32, 32), PITCH, GREEN, 1e-3, 4e-3), frames, seed=3)
     for (_, numbers), radius, count in zip(views.kinds[1:], (0.25, 0.125), each, strict=True):
         assert len(numbers) == count * len(views.kinds[0][1])
         parts = np.array([views.viewpoints[n].part for n in numbers])
@@ -856,15 +861,16 @@ def test_parts_of_the_pupil_that_are_looked_through_lie_all_over_it(frames, each
 
 def test_light_that_passes_beside_the_slm_is_made_up_for():
     """Half of the cone of a pixel at an edge meets the SLM, a quarter in a corner, plus the part of half a pixel."""
-    views = Views((128, 128), PITCH, GREEN, 1e-3, 4e-3, 8, seed=3)
+    views = Views(ViewedVolume((128, 128), PITCH, GREEN, 1e-3, 4e-3), 8, seed=3)
+    targets = ViewTargets(views)
     radius = math.tan(math.asin(GREEN / (2 * PITCH))) * 4e-3 / PITCH
     edge = 1 / 2 + 1 / (math.pi * radius)
     corner = 1 / 4 + 1 / (math.pi * radius) + 1 / (4 * math.pi * radius**2)
-    for expected in views.targets:
+    for expected in targets.intensities:
         expected[:] = 1
-    views.unvignette()
+    targets.unvignette()
     for _, numbers in views.kinds:
-        farthest = views.targets[numbers[-1]]
+        farthest = targets.intensities[numbers[-1]]
         middle = len(farthest) // 2
         assert farthest[middle, middle] == pytest.approx(1, rel=1e-5)
         assert farthest[0, middle] == pytest.approx(1 / edge, rel=0.02)
