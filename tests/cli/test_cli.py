@@ -136,10 +136,10 @@ def test_bad_commands(words, capfd):
             ["render", "x.xml", "--out", "o", "--wavelength", "638"],
             r"arguments: --wavelength 638\. Did you mean --wavelengths\? See `holopath render --help`\.$",
         ),
-        (["render", "x.xml", "--out", "o", "--colour=red"], r": --colour=red\. See `holopath render --help`\.$"),
-        (["reconstruct", "o", "--fokus=1m"], r"mean --focus\? See `holopath reconstruct --help`\.$"),
+        (["render", "x.xml", "--out", "o", "--color=red"], r": --color=red\. See `holopath render --help`\.$"),
+        (["reconstruct", "o", "--distance=1"], r"mean --distances\? See `holopath reconstruct --help`\.$"),
         (["encode", "o", "more"], r"unrecognized arguments: more\. See `holopath encode --help`\.$"),
-        (["--colour", "devices"], r"unrecognized arguments: --colour\. See `holopath --help`\.$"),
+        (["--color", "devices"], r"unrecognized arguments: --color\. See `holopath --help`\.$"),
     ],
 )
 def test_unknown_words_name_the_help_of_their_command(words, says, capfd):
