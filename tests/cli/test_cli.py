@@ -136,7 +136,7 @@ def test_bad_commands(words, capfd):
             ["render", "x.xml", "--out", "o", "--wavelength", "638"],
             r"arguments: --wavelength 638\. Did you mean --wavelengths\? See `holopath render --help`\.$",
         ),
-        (["render", "x.xml", "--out", "o", "--color=red"], r": --color=red\. See `holopath render --help`\.$"),
+        (["render", "x.xml", "--out", "o", "--color=red"], r"--color=red\. See `holopath render --help`\.$"),
         (["reconstruct", "o", "--distance=1"], r"mean --distances\? See `holopath reconstruct --help`\.$"),
         (["encode", "o", "more"], r"unrecognized arguments: more\. See `holopath encode --help`\.$"),
         (["--color", "devices"], r"unrecognized arguments: --color\. See `holopath --help`\.$"),
