@@ -1,6 +1,7 @@
 """Command line: ``python -m holopath_addon`` and, in Blender, ``blender --command holopath``."""
 
 import argparse
+import difflib
 import json
 import signal
 import sys
@@ -28,6 +29,8 @@ from . import (
 )
 from .console import Progress, close_line, heartbeat
 from .options import add_optics, argument, numbers, on_bench
+
+MIN_LIKENESS = 0.75  # of an unknown option and the one that is meant, difflib's ratio
 
 
 def main(argv=None, store=None):
@@ -120,11 +123,28 @@ def _attach_negative(argv):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose errors are one line."""
+    """Parser whose errors are one line, and name the help of their own command."""
 
     def error(self, message):
-        print(f"holopath: {message}. See `{self.prog} --help`.", file=sys.stderr)
+        end = "" if message.endswith("?") else "."
+        print(f"holopath: {message}{end} See `{self.prog} --help`.", file=sys.stderr)
         raise SystemExit(failures.BAD_INPUT)
+
+    def parse_known_args(self, args=None, namespace=None):
+        """Refuse unknown words here, as the parser of all commands does not know the options of each."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            near = self._nearest_option(unknown)
+            advice = f". Did you mean {near}?" if near else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{advice}")
+        return known, unknown
+
+    def _nearest_option(self, words):
+        """Option that is spelled nearly as the first unknown one; None if there is none."""
+        shown = [action for action in self._actions if action.help != argparse.SUPPRESS]
+        options = [option for action in shown for option in action.option_strings]
+        unknown = next((word.partition("=")[0] for word in words if word.startswith("-")), "")
+        return next(iter(difflib.get_close_matches(unknown, options, 1, MIN_LIKENESS)), None)
 
 
 def _parser(store):

@@ -25,6 +25,8 @@ from ..exchange.optics import (
 )
 from ..slm.calibration import colors_of
 
+MIN_PITCH = 1e-9  # meters: a smaller pitch on the command line was given in meters
+
 
 def argument(parse: Callable) -> Callable:
     """Argument type of a parser from a function.
@@ -65,7 +67,7 @@ def pitch(text: str) -> Pitch:
     Raises
     ------
     engine.InvalidInput
-        If the text is not one or two numbers.
+        If the text is not one or two numbers, or a number is far too small for micrometers.
     """
     try:
         values = [float(part) * 1e-6 for part in text.split(",")]
@@ -75,6 +77,8 @@ def pitch(text: str) -> Pitch:
         raise engine.InvalidInput(
             f"Expected a pixel pitch, got '{text}'. Give it in micrometers, or as X,Y if pixels are not square."
         )
+    if any(0 < value < MIN_PITCH for value in values):
+        raise engine.InvalidInput(f"Expected a pixel pitch in micrometers, got '{text}'. Give 8 for 8 µm.")
     return values[0] if len(values) == 1 else (values[0], values[1])
 
 

@@ -120,7 +120,8 @@ class Response:
             if at[0] > 0 or at[-1] < levels[-1]:
                 raise InvalidInput(
                     f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}. Measure it "
-                    f"from 0 to {levels[-1]}."
+                    f"from 0 to {levels[-1]}, or give a range of {len(levels)}/L instead if it rises evenly to 2 pi at "
+                    "level L."
                 )
             phases = np.interp(levels, at, unwrapped(phases))
         return phases * _scale(self.wavelength, wavelength)

@@ -86,6 +86,7 @@ def left_over(folder):
         (["{xml}", "--pitch", "8,0"], "a positive pixel pitch, got 0 µm"),
         (["{xml}", "--pitch", "8x9"], "Expected a pixel pitch, got '8x9'.*X,Y"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
+        (["{xml}", "--pitch", "8e-6"], "Expected a pixel pitch in micrometers, got '8e-6'. Give 8 for"),
         (["{xml}", "--wavelengths", "red"], "nanometers"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
         (["{xml}", "--frames", "0"], "Frames"),
@@ -126,6 +127,23 @@ def test_bad_words(words, says, xml, tmp_path, capfd):
 def test_bad_commands(words, capfd):
     status = cli.main(words)
     refused(status, capfd.readouterr().err, 2, "required|invalid choice")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            ["render", "x.xml", "--out", "o", "--wavelength", "638"],
+            r"arguments: --wavelength 638\. Did you mean --wavelengths\? See `holopath render --help`\.$",
+        ),
+        (["render", "x.xml", "--out", "o", "--color=red"], r"--color=red\. See `holopath render --help`\.$"),
+        (["reconstruct", "o", "--distance=1"], r"mean --distances\? See `holopath reconstruct --help`\.$"),
+        (["encode", "o", "more"], r"unrecognized arguments: more\. See `holopath encode --help`\.$"),
+        (["--color", "devices"], r"unrecognized arguments: --color\. See `holopath --help`\.$"),
+    ],
+)
+def test_unknown_words_name_the_help_of_their_command(words, says, capfd):
+    refused(cli.main(words), capfd.readouterr().err, 2, says)
 
 
 def test_words_after_two_dashes(monkeypatch, capsys):

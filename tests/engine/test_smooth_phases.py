@@ -138,8 +138,8 @@ def test_what_does_not_go_together_is_refused():
 def test_the_plan_says_what_they_leave(build, camera, small):
     scene = build.two_planes(build.emissive)
     for frames, randomness, says in (
-        (1, None, "smooth phase fields of randomness 0 leave no speckle; 100% of the light goes straight on"),
-        (2, 0.3, "randomness 0.3 leave a speckle contrast of about 48%; 74% of the light goes straight on"),
+        (1, None, "smooth phase fields of randomness 0 leave no speckle in the field; 100% of its light"),
+        (2, 0.3, "randomness 0.3 leave a speckle contrast of about 48% in the field; 74% of its light"),
     ):
         plan = engine.plan(scene, camera, small, engine.Settings(frames=frames, randomness=randomness))
         (reason,) = (decision.reason for decision in plan.decisions if decision.name == "frames")

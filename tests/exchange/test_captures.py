@@ -73,6 +73,24 @@ def test_depths_in_all_units_are_one_scene(backend, photo, name, numbers, option
     np.testing.assert_allclose(view, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
 
 
+@pytest.mark.parametrize(
+    ("name", "numbers", "options", "effect"),
+    [
+        ("d.npy", 1e3 * DEPTH, {"depth_unit": "m"}, "if they are millimeters, give --depth-unit mm"),
+        ("d.npy", 1e6 * DEPTH, {"depth_unit": "mm"}, "check --depth-unit"),
+        ("d.npy", 1e-3 / DEPTH, {"depth_unit": "diopters"}, "check --depth-unit"),
+        ("d.npy", np.where(DEPTH < 1, 2.0, 1000.0), {"depth_unit": "m"}, None),  # a sky
+        ("d.npy", INVERSE, {"depth_unit": "inverse", "depth_ends": (4000.0, 250.0)}, None),  # in meters, as given
+    ],
+)  # fmt: skip
+def test_depths_that_are_all_far_are_noted(backend, photo, name, numbers, options, effect):
+    """Their unit is probably another one; 500 to 2000 m here."""
+    path = write(photo.with_name(name), numbers)
+    built = open_capture(photo, CaptureOptions(str(path), fov=40, **options)).build((SIDE, SIDE))
+    expected = [] if effect is None else [("depths from 500 to 2000 m", effect)]
+    assert [(note["feature"], note["effect"]) for note in built.notes] == expected
+
+
 def test_the_depth_that_holopath_writes_can_be_read(photo):
     """A depth.npy of --rgbd."""
     path = write(photo.with_name("depth.npy"), DEPTH.astype(np.float32))

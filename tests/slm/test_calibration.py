@@ -320,7 +320,7 @@ def test_hologram_larger_than_the_device():
 
 @pytest.mark.parametrize(("curve", "bits"), [(((1, 0), (255, 6)), 8), (((0, 0), (254, 6)), 8)])
 def test_curve_that_does_not_span_the_levels(curve, bits):
-    with refused(f"from 0 to {2**bits - 1}"):
+    with refused(f"from 0 to {2**bits - 1}, or give a range of {2**bits}/L instead"):
         Calibration(bits=bits, responses=(Response(GREEN, curve=curve),)).levels(np.zeros((2, 2)), GREEN)
 
 

@@ -117,7 +117,7 @@ def plan(
     requested = settings or Settings()
     check_fixed(requested.fixed)
     settings = resolved(requested)
-    warnings = unmodeled_warnings(scene)
+    warnings = unmodeled_warnings(scene) + despeckling_caution(requested)
     eye, grid = traced(camera, hologram)
     check_method(scene, settings.method)
     if settings.method in BASELINES:
@@ -486,13 +486,13 @@ def report_frames(survey: Survey) -> Decided[None]:
     hologram, settings, mapping = survey.hologram, survey.settings, survey.mapping
     ends = survey.z_low, survey.z_high, mapping.z_far, float(mapping.depth_to_z(survey.near))
     speckle = speckle_contrast(settings.phase_field, settings.frames, settings.randomness)
-    contrast = f"a speckle contrast of about {speckle:.0%}" if speckle else "no speckle"
+    contrast = (f"a speckle contrast of about {speckle:.0%}" if speckle else "no speckle") + " in the field"
     smooth = settings.phase_field == "smooth"
     degree = f" of randomness {settings.randomness:g}" if smooth else ""
     reason = f"{settings.phase_field} phase fields{degree} leave {contrast}"
     if smooth:
         straight = straight_share(settings.randomness)
-        reason += f"; {straight:.0%} of the light goes straight on, to the middle of the eyebox"
+        reason += f"; {straight:.0%} of its light goes straight on, to the middle of the eyebox"
     reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
     if settings.phase_field == "designed" and reach < max(ends) - min(ends):
         reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"
@@ -552,6 +552,29 @@ def _scene_warnings(survey: Survey) -> list[str]:
             f"{lost}; bring the depth range nearer to {survey.hologram.origin} or use more pixels."
         )
     return warnings
+
+
+def despeckling_caution(requested: Settings) -> list[str]:
+    """Warning about steps of despeckling that take smooth phases from the field of few frames; empty elsewhere.
+
+    Parameters
+    ----------
+    requested : Settings
+
+    Returns
+    -------
+    list of str
+    """
+    if not requested.despeckle or requested.method in BASELINES:
+        return []
+    without, chosen = resolved(replace(requested, despeckle=0)), resolved(requested)
+    if without.phase_field != "smooth" or chosen.phase_field == "smooth":
+        return []
+    frames = "1 frame" if chosen.frames == 1 else f"{chosen.frames} frames"
+    return [
+        f"With {frames} steps of despeckling replace smooth phases, which leave no speckle in the field, by designed "
+        "ones, which leave some: set Despeckle to 0."
+    ]
 
 
 def instances_caution(scene: mi.Scene) -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine import InvalidInput
+from .options import note
 from .pixels import stored_pixels
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ UNIT_WORDS = (
     "m, mm, diopters (1/m), or inverse (from 0 at the far one of --depth-ends FAR,NEAR to 1 at the near one)"
 )
 DEPTH_CHANNELS = ("z", "depth", "v", "y")  # last parts of renderers' names for the channel, in lower case
+FAR_DEPTH = 100.0  # meters: a scene that begins beyond it is rare, and one read in a wrong unit likely
 
 
 def read_depth(path: Path, unit: str, ends: tuple | None = None) -> np.ndarray:
@@ -59,6 +61,28 @@ def read_depth(path: Path, unit: str, ends: tuple | None = None) -> np.ndarray:
             "distant background."
         )
     return 1 / numbers if unit == "diopters" else numbers * (1e-3 if unit == "mm" else 1.0)
+
+
+def depth_notes(path: Path, depth: np.ndarray, unit: str) -> list[dict[str, str]]:
+    """A note, if all depths lie so far that their unit is probably another one.
+
+    Parameters
+    ----------
+    path : Path
+        The depth file.
+    depth : numpy.ndarray
+        Depths in meters.
+    unit : str
+        One of `UNITS`.
+
+    Returns
+    -------
+    list of dict
+    """
+    if unit == "inverse" or depth.min() <= FAR_DEPTH:  # the ends of inverse depths are given in meters
+        return []
+    advice = "if they are millimeters, give --depth-unit mm" if unit == "m" else "check --depth-unit"
+    return [note(path, f"depths from {depth.min():.4g} to {depth.max():.4g} m", advice)]
 
 
 def _between(path, fraction, ends):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...engine import InvalidInput
 from ...engine.scene.captured.picture import picture_scene
-from .depths import DEPTHS, UNIT_WORDS, UNITS, read_depth
+from .depths import DEPTHS, UNIT_WORDS, UNITS, depth_notes, read_depth
 from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, refuse, shape_notes
 from .pixels import read_picture
 
@@ -51,8 +51,8 @@ class PictureFile:
             )
         if (options.depth_unit == "inverse") != (options.depth_ends is not None):
             raise InvalidInput(
-                "--depth-unit inverse needs --depth-ends FAR,NEAR, in meters, and no other unit has them. Give both or "
-                "neither."
+                "--depth-unit inverse needs --depth-ends FAR,NEAR, in meters. With another unit omit "
+                "--depth-ends."
             )
         check_fov(options)
 
@@ -117,6 +117,7 @@ class PictureFile:
         fov = fov_of(self._options)
         depth = self.depth(fov)
         notes = [fov_note(self.path, self._options)] if self._options.fov is None else []
+        notes += depth_notes(self.depth_path, depth, self._options.depth_unit or "")
         notes += shape_notes(self.path, self.size, size)
         image, depth, (fraction, _) = downsample(self.image, depth, size)
         try:

@@ -48,6 +48,36 @@ def test_many_instances_are_warned_of(build):
         assert planner.instances_cost(count) == pytest.approx(seconds, rel=0.15)
 
 
+@pytest.mark.parametrize(
+    ("settings", "warns"),
+    [
+        ({"frames": 1, "despeckle": 60}, True),
+        ({"frames": 5, "despeckle": 1}, True),
+        ({"frames": 6, "despeckle": 60}, False),
+        ({"frames": 1}, False),
+        ({"frames": 1, "despeckle": 60, "phase_field": "designed"}, False),  # as asked
+        ({"frames": 1, "despeckle": 60, "randomness": 0.2}, False),  # smooth all the same
+        ({"speckle": 0.4, "despeckle": 60}, False),
+        ({"frames": 1, "despeckle": 60, "method": "direct"}, False),
+        ({"frames": 1, "despeckle": 60, "method": "point"}, False),
+    ],
+    ids=str,
+)
+def test_steps_that_take_smooth_phases_from_few_frames_are_warned_of(settings, warns):
+    caution = planner.despeckling_caution(engine.Settings(**settings))
+    assert len(caution) == warns
+    if warns:
+        frames = "1 frame " if settings["frames"] == 1 else "5 frames "
+        assert caution[0].startswith(f"With {frames}") and caution[0].endswith("set Despeckle to 0.")
+
+
+def test_the_plan_warns_of_steps_that_few_frames_lose_by(build, camera, small):
+    settings = engine.Settings(frames=1, despeckle=60)
+    plan = engine.plan(build.two_planes(build.emissive), camera, small, settings)
+    assert plan.settings.phase_field == "designed"
+    assert [text for text in plan.warnings if "Despeckle" in text] == planner.despeckling_caution(settings)
+
+
 def test_too_few_rays_and_too_small_an_aperture_are_warned_of(build, camera, small):
     scene = build.two_planes(build.emissive)
     assert any(
