@@ -16,7 +16,15 @@ from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import wrapped
 from ..waves.phase_fields import aimed_waves, random_phasors
 from ..waves.propagation import filtered
-from .double_phase import clipping_level, double_phase, even_double_phase, half_band, transmission
+from .double_phase import (
+    MIN_SPREAD,
+    clipping_level,
+    double_phase,
+    even_double_phase,
+    half_band,
+    spread_for,
+    transmission,
+)
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
@@ -32,6 +40,7 @@ if TYPE_CHECKING:
     from ..waves.supervision import FramePool
     from .options import EncodingOptions
 
+MIN_LEVELS = 16  # from which a start that leaves room for bright places, and short steps from it, show more
 MARGIN = 12  # pixels of guard band around a display's panel, into which its relay scatters light
 
 
@@ -97,6 +106,20 @@ class Channel:
         if self._lens is not None:
             self._shape = self._grid.raster(hologram.wavelengths[0]).shape
         self._passes = hologram.optics.passes(self._shape, self._grid.pitch_at(self.wavelength))
+
+    @property
+    def randomness(self) -> float | None:
+        """Randomness of the phases that descents start with; None for the field's own.
+
+        Behind a lens phases are spread over the whole band, and a display of few levels has no smooth ones: both count
+        as random.
+        """
+        randomness = self._options.randomness
+        return 1.0 if randomness is not None and self._is_rough else randomness
+
+    @property
+    def _is_rough(self):
+        return self._lens is not None or (self._levels is not None and len(self._levels) < MIN_LEVELS)
 
     @property
     def coarse_levels(self):
@@ -168,7 +191,7 @@ class Channel:
         if isinstance(start, PhaseHologram):
             phases[...] = arrays.like(start.data[:, self.color, ...], data)
         elif self._options.randomness is not None:
-            self._set_random_start()
+            self._set_random_start(MIN_SPREAD)
         elif self._display is not None:
             for frame in range(phases.shape[0]):
                 angles = self._display.phases_for(self._pad(data[frame, self.color, ...]))
@@ -183,7 +206,17 @@ class Channel:
         ):  # frames are not optimized one by one, which sets it otherwise
             self.set_gain()
 
-    def _set_random_start(self):
+    def leave_room_for(self, targets: ViewTargets) -> None:
+        """Set a start of given randomness anew, so that pixels can show what is bright in the target pictures."""
+        options = self._options
+        if options.randomness is None or self._is_rough or isinstance(options.start, PhaseHologram):
+            return
+        whole = targets.views.kinds[0][1]
+        middle = targets.intensities[whole[len(whole) // 2]]
+        self._set_random_start(spread_for(arrays.namespace(middle).sqrt(middle)))
+        self.set_gain()
+
+    def _set_random_start(self, spread):
         frames, options = self.phases.shape[0], self._options
         rows, columns = self._grid.raster(self.wavelength).shape
         waves = random_phasors(frames, rows, columns, options.seed, options.randomness)
@@ -195,7 +228,7 @@ class Channel:
         # around half a turn, as displays blur phases across the ends of a turn
         self.phases[...] = math.pi + arrays.angle(waves)
         if self._lens is None:  # behind a lens the corners of the Fourier plane are those of the image
-            self.phases += arrays.like(even_double_phase(self._panel), self._field.data)
+            self.phases += arrays.like(even_double_phase(self._panel, spread), self._field.data)
 
     def _aimed_waves(self):
         """`aimed_waves` through the pupil that all wavelengths fill, within the stop."""

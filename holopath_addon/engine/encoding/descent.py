@@ -26,9 +26,10 @@ RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, 
 FIXES, FEW = 20, 6  # number of times that pixels are fixed to levels, and of steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
-# Of `together`: longest step, radians, from the field's phases, where some scenes do not converge from 0.3 on, and from
-# phases of a given randomness, which are farther from their optimum; there none converges from 0.6 on.
-MAX_STEP, MAX_STEP_RANDOM = 0.2, 0.3
+# Of `together`: longest step, radians, from the field's phases, where some scenes do not converge from 0.3 on; and from
+# phases of a given randomness, from smooth ones to random ones, which are farther from their optimum. Longer steps from
+# smooth phases end in grain on even surfaces, above all with one frame; none converges from 0.6 on.
+MAX_STEP, MAX_STEP_SMOOTH, MAX_STEP_RANDOM = 0.2, 0.1, 0.3
 MIN_AMPLITUDE = 1e-3  # of a target's root mean square; the slope of the square root is divided by amplitudes
 WARM_UP, WARM_FRACTION = 20, 0.1  # steps, or fraction of all, in which their length rises
 # Number of levels up to which the last steps have half the length; with more they are shorter, as levels are closer.
@@ -186,6 +187,11 @@ def together(
         losses.evaluate(phases.light)
     stage.update(loss=losses.loss, psnr_db=losses.psnr)
     return losses.brightness_gain
+
+
+def max_step(randomness: float | None) -> float:
+    """Longest step of `together`, radians, from phases of a randomness; None for the field's phases."""
+    return MAX_STEP if randomness is None else min(MAX_STEP_SMOOTH + randomness, MAX_STEP_RANDOM)
 
 
 class ViewLosses:

@@ -21,9 +21,12 @@ BINS = 1000  # of the histogram of amplitudes
 # Fraction of a beam's largest amplitude: no pixel compensates for less. Of 0.05 to 1 this leaves the least stray light
 # of double phase, and the smallest error within the field's own band (a waist of 0.9 times half the panel).
 MIN_BEAM = 0.2
-# Phases of a descent's start, radians: pixels show half of the largest intensity, and can become brighter or darker.
-# With one frame of demo:suzanne 0.5 to 1.1 end within 0.4 dB, and an even start 4.5 dB below.
-SPREAD = math.pi / 4
+# Phases of a descent's start, radians: an even wave between half and a fourteenth of the largest intensity, so that
+# pixels can become brighter or darker; and the percentile of a picture's amplitudes that the largest one shows. A start
+# that is too bright ends in grain where the picture is brighter than all pixels can show (docs/measurements.md, Few
+# frames).
+MIN_SPREAD, MAX_SPREAD = math.pi / 4, 1.3
+BRIGHT = 99.5
 
 
 def transmission(waves: Array, beam: Array | None) -> Array:
@@ -79,8 +82,27 @@ def double_phase(wave: Array) -> Array:
     return wrapped(arrays.angle(wave) + spread)
 
 
-def even_double_phase(shape: Sequence[int]) -> np.ndarray:
-    """Double phase of an even wave of half of the largest intensity: a checkerboard of plus and minus `SPREAD`.
+def spread_for(amplitude: Array) -> float:
+    """Spread of the double phase of an even wave as bright as a picture's mean, where pixels can show its bright parts.
+
+    Parameters
+    ----------
+    amplitude : array, shape (y, x)
+        Amplitudes of the picture.
+
+    Returns
+    -------
+    float
+        Radians, from `MIN_SPREAD` to `MAX_SPREAD`: the arc cosine of the mean over the bright amplitude.
+    """
+    amplitude = arrays.on_processor(amplitude)
+    bright = float(np.percentile(amplitude, BRIGHT)) or float(amplitude.max()) or 1.0
+    spread = math.acos(min(1.0, float(amplitude.mean()) / bright))
+    return min(max(spread, MIN_SPREAD), MAX_SPREAD)
+
+
+def even_double_phase(shape: Sequence[int], spread: float = MIN_SPREAD) -> np.ndarray:
+    """Double phase of an even wave: a checkerboard of plus and minus `spread`.
 
     With an even start every pixel is equally bright. From this one a descent can direct as much light as it needs past
     the stop, to the corners of the Fourier plane.
@@ -89,13 +111,15 @@ def even_double_phase(shape: Sequence[int]) -> np.ndarray:
     ----------
     shape : (int, int)
         Rows and columns.
+    spread : float
+        Radians. The wave has the square of its cosine of the largest intensity: half by default.
 
     Returns
     -------
     numpy.ndarray, float32, shape (y, x)
         Radians.
     """
-    return np.float32(SPREAD) * _checkerboard(shape)
+    return np.float32(spread) * _checkerboard(shape)
 
 
 def _checkerboard(shape):

@@ -361,14 +361,16 @@ class _Joint(_SingleFrames):
             for group in _groups(self._phases, math.prod(targets.views.padded) * BYTES["views"]):
                 targets.add(channel.fields(group))
         self._correct_targets(targets)
-        rate = descent.MAX_STEP if options.randomness is None else descent.MAX_STEP_RANDOM
+        channel.leave_room_for(targets)
+        rate = descent.max_step(channel.randomness)
         groups = _groups(self._phases, math.prod(targets.views.padded) * BYTES["together"])
         stages_left, gains = len(groups) * (len(self._lit) - number), []
+        shown = "All frames" if frames > 1 else "The frame"
         for place, group in enumerate(groups):
 
             def on_progress(done, psnr, place=place):
                 at = self._joint_progress(number + (place + done) / len(groups))
-                self._progress(at, f"All frames, {channel.name}, {psnr:.1f} dB")
+                self._progress(at, f"{shown}, {channel.name}, {psnr:.1f} dB")
 
             with self._stage(options.method, channel) as stage, channel.optimized(group) as phases:
                 seconds = options.seconds and self._seconds_left() / (stages_left - place)
