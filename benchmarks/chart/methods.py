@@ -84,7 +84,8 @@ TUNED = """`rgbd-sgd`, `focal-stack` and `light-field` take 30 to 600 Adam steps
 which they gain most. Their pictures have 4 to 256 paths a pixel and color, those of `focal-stack` also 128, for noise
 of the pictures is what holds it back. With fewer than six frames `rgbd-sgd` and `focal-stack` begin as `auto` does,
 with phases that are nearly constant, around a checkerboard and aimed at places of their own in the pupil. With more
-they begin at random. A smooth start (`--randomness 0.3`) was tried for eight frames, 128 x 128, one color: `focal-
+they begin at random. A smooth start (`--randomness 0.3`) was tried for eight frames, 128 x 128, one color, with
+the start and steps of before 29 November: `focal-
 stack` gained 0.6 dB on tea and lost 0.7 on planes, and in the worst view it lost 2.5 and 3.3 dB; `rgbd-sgd` gained
 0.3 and lost 0.9 dB. `light-field` stays random: with other starts it loses light through parts of the pupil. `rgbd`
 is there as a complex field, as phases by `sgd`, and as double phase (*dpac*), whose best is with fewer than six

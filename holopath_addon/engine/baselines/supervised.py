@@ -6,10 +6,11 @@ al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with
 
 Many frames start with random phases. Few frames cannot average the speckle of these: they start with phases that vary
 little, see `randomness_for`, around those of `even_double_phase`, and images are compared by their amplitudes, as in
-Peng et al. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead of 10.3, and 24.2
-with three instead of 20.1; compared by intensities and from a constant start 13.2 with one. A setting of `randomness`
-makes any number of frames start in this way. With eight frames of randomness 0.3 focal stacks then show 0.6 dB more of
-the tea set and 0.7 dB less of the planes, and 2.5 to 3.3 dB less through the worst part of the pupil.
+Peng et al. Begun at half of the largest intensity, in steps of 0.2 radians, focal stacks at 256 x 256 of the chart's
+suzanne showed 23.9 dB with one frame instead of 10.3, and 24.2 with three instead of 20.1; compared by intensities and
+from a constant start 13.2 with one. A setting of `randomness` makes any number of frames start in this way. With eight
+frames of randomness 0.3 focal stacks showed 0.6 dB more of the tea set and 0.7 dB less of the planes, and 2.5 to 3.3 dB
+less through the worst part of the pupil.
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # by qualit
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it does not converge
 MEMORY = 0.8  # Adam's weight of earlier gradients; at 0.9 focal stacks lose 1 dB, at 0.6 light fields 2 % of the light
 BYTES = 64  # of a card's memory, for each pixel of a frame
-# For few frames, by amplitudes. Longer steps lead dark places past zero: with 0.2 focal stacks of three frames show 0.5
-# to 1 dB less of suzanne and tea through the whole pupil, and 2 dB less in the worst view.
-FEW_RATE, FEW_MEMORY = 0.05, 0.6
+# For few frames, by amplitudes: radians of all longest steps together, for long steps lead dark places past zero. With
+# 200 steps of 0.2 focal stacks of three frames show 0.5 to 1 dB less of suzanne and tea through the whole pupil, and
+# 2 dB less in the worst view. Random phases are farther from their optimum.
+FEW_PATH, FEW_RATES, FEW_SMOOTH, FEW_MEMORY = 10.0, (0.05, 0.2), 0.1, 0.6
 
 
 def phases_for(
@@ -75,8 +77,8 @@ def phases_for(
     few = whole and (frames < FEW_FRAMES or randomness is not None)
     if randomness is None:
         randomness = randomness_for(frames) or 0.0
-    rate, memory = (FEW_RATE, FEW_MEMORY) if few else (RATE, MEMORY)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
+    rate, memory = (_few_rate(steps, randomness), FEW_MEMORY) if few else (RATE, MEMORY)
 
     def descend(k, start):
         pictures = pictures_of(k, start)
@@ -106,6 +108,12 @@ def phases_for(
             if note and note not in job.notes:
                 job.notes.append(note)
     return out
+
+
+def _few_rate(steps, randomness):
+    """Adam's longest step from phases of a randomness, radians."""
+    shortest, longest = FEW_RATES
+    return min(max(FEW_PATH / steps, shortest, randomness - FEW_SMOOTH), longest)
 
 
 def _room_for(pictures, start):

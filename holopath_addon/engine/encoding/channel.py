@@ -112,9 +112,9 @@ class Channel:
         """Randomness of the phases that descents start with; None for the field's own.
 
         Behind a lens phases are spread over the whole band, and a display of few levels has no smooth ones: both count
-        as random.
+        as random. Those of an earlier hologram are no start of a randomness.
         """
-        randomness = self._options.randomness
+        randomness = None if isinstance(self._options.start, PhaseHologram) else self._options.randomness
         return 1.0 if randomness is not None and self._is_rough else randomness
 
     @property
@@ -208,11 +208,15 @@ class Channel:
 
     def leave_room_for(self, targets: ViewTargets) -> None:
         """Set a start of given randomness anew, so that pixels can show what is bright in the target pictures."""
-        options = self._options
+        options, margin = self._options, self._margin
         if options.randomness is None or self._is_rough or isinstance(options.start, PhaseHologram):
             return
+        self._on_wait()
         whole = targets.views.kinds[0][1]
         middle = targets.intensities[whole[len(whole) // 2]]
+        if margin:  # the display's guard band is dark
+            middle = middle[margin:-margin, margin:-margin]
+        self.gain = 0.0  # until it is that of these phases, if it is canceled meanwhile
         self._set_random_start(spread_for(arrays.namespace(middle).sqrt(middle)))
         self.set_gain()
 

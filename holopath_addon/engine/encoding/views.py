@@ -42,7 +42,7 @@ class ViewKind:
     Attributes
     ----------
     radius : float
-        Radius of the part in terms of the pupil's; 1 is the whole pupil.
+        Radius of the part in terms of that of the stop's `opening`; 1 is the whole stop.
     each : int
         Number of views at each depth, for up to eight frames; see `number`.
     weight : float
@@ -135,12 +135,15 @@ class ViewedVolume:
 
     @property
     def slope(self) -> float:
-        """Maximum slope of light through the pupil, which is the stop's `opening`."""
+        """Slope of light at the rim of the stop's `opening`, relative to that at its center."""
         return self.optics.opening[2] * math.tan(math.asin(self.wavelength / (2 * coarsest(self.pitch))))
 
     @property
     def distances(self) -> np.ndarray:
-        """Distances from the fields' plane at which views are focused, a depth of focus apart, meters."""
+        """Distances from the fields' plane at which views are focused, meters.
+
+        They are evenly spaced, up to a depth of focus apart; farther in volumes deeper than `MAX_DEPTHS` of these.
+        """
         count = 1 + math.ceil((self.high - self.low) * self.slope**2 / self.wavelength)
         return np.linspace(self.low, self.high, min(MAX_DEPTHS, max(2, count)))
 
@@ -157,7 +160,7 @@ class Views:
     frames : int
         Number of frames that are to show the views.
     seed : int
-        Seed of the order of the parts of the pupil over depths.
+        Seed of the places of the parts of the pupil, and of their order over depths.
     eyebox : float
         Weight of the parts of the pupil, see `kinds_for`.
     on_wait : callable

@@ -6,7 +6,8 @@ is imported, and passed in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as 
 extension and with `make env`, else the system's newest. CUDA needs no LLVM.
 
 Dr.Jit also opens every NVIDIA card when it is imported, whatever variant is set later, and aborts the process if one of
-them cannot be opened. So they are tried before, and hidden from it by `DRJIT_LIBCUDA_PATH` if one fails.
+them cannot be opened. So they are tried before, and hidden from it by `DRJIT_LIBCUDA_PATH` if one fails. That does not
+help where Mitsuba is imported without `activate`, or where another program has loaded CUDA for all of the process.
 """
 
 from __future__ import annotations
@@ -39,12 +40,17 @@ _VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
 _OWN = "holopath_llvm"
 _NO_CUDA = "no-cuda-as-a-card-cannot-be-opened"  # Dr.Jit warns that it cannot load a library of this name
 _OUT_OF_MEMORY = 2  # CUDA_ERROR_OUT_OF_MEMORY
-_MIN_FREE = 64 << 20  # bytes of a card for the programs that Dr.Jit loads at its import
+_CAPABILITY = 75, 76  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR and _MINOR
+# Bytes of a card for the programs that Dr.Jit loads at its import, into cards of this compute capability or more.
+_MIN_FREE, _MIN_CAPABILITY = 64 << 20, (7, 5)
 
 _lock = threading.RLock()
 # Variants with our plugins. Mitsuba outlives this module when Blender installs a new version of HoloPath.
 _extended = set()
-_card_fault = ""  # why Dr.Jit was imported without CUDA, though there is a driver
+# Why Dr.Jit was imported without CUDA, though there is a driver; maybe by an earlier version of this module.
+_card_fault = (
+    "a card could not be opened: start again" if os.environ.get("DRJIT_LIBCUDA_PATH") == _NO_CUDA else ""
+)
 
 
 def activate(prefer: str | None = None) -> str:
@@ -277,6 +283,9 @@ def describe() -> list[dict]:
     """
     with _lock:
         usable, detail = _cuda_device()
+        fault = _fault_of_cards() if usable and "drjit" not in sys.modules else ""
+        if fault:
+            usable, detail = False, fault
         rows = [{"name": CUDA, "available": usable, "detail": detail}]
         try:
             path, version = find_llvm()
@@ -441,25 +450,30 @@ def _name_of_card(cuda, device):
 def _fault_of_cards():
     """Why a card cannot be opened, as the rest of a sentence, or "" if all can: by the calls that Dr.Jit makes."""
     cuda, count, _ = _cuda_driver()
-    for device in range(count):
-        reason = _reason_not_to_open(cuda, device)
-        if reason:
-            return (
-                f"{_name_of_card(cuda, device)} cannot be opened ({reason}): close the programs that use it, or "
-                "hide it with CUDA_VISIBLE_DEVICES, and start again"
-            )
+    with suppress(AttributeError):  # drivers older than these calls: Dr.Jit does without CUDA
+        for device in range(count):
+            reason = _reason_not_to_open(cuda, device)
+            if reason:
+                return (
+                    f"{_name_of_card(cuda, device)} cannot be opened ({reason}): close the programs that use it, or "
+                    "hide it with CUDA_VISIBLE_DEVICES, and start again"
+                )
     return ""
 
 
 def _reason_not_to_open(cuda, device):
     context, free, total, name = ctypes.c_void_p(), ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_char_p()
+    major, minor = ctypes.c_int(), ctypes.c_int()
     error = cuda.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)
     if error == 0:
         cuda.cuCtxPushCurrent_v2(context)
         error = cuda.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
         cuda.cuCtxPopCurrent_v2(ctypes.byref(context))
+        for value, attribute in zip((major, minor), _CAPABILITY, strict=True):
+            cuda.cuDeviceGetAttribute(ctypes.byref(value), attribute, device)
         cuda.cuDevicePrimaryCtxRelease_v2(device)
-    if error == _OUT_OF_MEMORY or (error == 0 and free.value < _MIN_FREE):
+    is_used = (major.value, minor.value) >= _MIN_CAPABILITY
+    if error == _OUT_OF_MEMORY or (error == 0 and is_used and free.value < _MIN_FREE):
         return "its memory is full"
     if error != 0:
         cuda.cuGetErrorName(error, ctypes.byref(name))

@@ -10,7 +10,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.baselines.frame_mean import FrameMean, carried
-from holopath_addon.engine.encoding import descent, encoder
+from holopath_addon.engine.encoding import channel, descent, encoder
 from holopath_addon.engine.encoding import views as views_module
 from holopath_addon.engine.encoding.double_phase import MAX_SPREAD, MIN_SPREAD, even_double_phase, spread_for
 from holopath_addon.engine.encoding.phases import Phases
@@ -603,6 +603,64 @@ def test_one_frame_shows_even_surfaces_without_grain():
         patch = shown[rows, 14:34]
         # 0.10 to 0.11 and 0.06 to 0.07; from steps of 0.3 radians and half of the intensity 0.34 to 0.41
         assert patch.std() < 0.2 * patch.mean()
+
+
+def test_cancel_while_the_start_is_set_keeps_its_brightness(monkeypatch):
+    """A start that leaves room for a bright spot has other light than that before, and needs another gain."""
+    data = np.full((1, 1, 48, 48), 0.2 + 0j)
+    data[..., 20:28, 20:28] = 1.0
+    field, waits = wave_field(data), []
+    start = channel.Channel._set_random_start
+
+    def set_start(self, spread):
+        start(self, spread)
+        waits.append(spread)
+
+    def progress(done, message):
+        if len(waits) > 1:
+            raise engine.Cancelled
+
+    monkeypatch.setattr(channel.Channel, "_set_random_start", set_start)
+    with pytest.raises(engine.Cancelled) as stop:
+        engine.encode(field, "joint", progress, randomness=0.0)
+    assert waits[1] > waits[0] == MIN_SPREAD
+    band = circular_band((48, 48))
+    energies = [
+        (np.abs(np.fft.fft2(light)[..., band]) ** 2).sum() for light in (stop.value.kept.field().data, data)
+    ]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-3)
+
+
+def test_longest_steps():
+    """From smooth phases, random ones, and a field's own."""
+    assert [descent.max_step(r) for r in (0.0, 0.1, 0.3, 1.0, None)] == pytest.approx(
+        [0.1, 0.2, 0.3, 0.3, 0.2]
+    )
+
+
+@pytest.mark.parametrize("case", ["few levels", "behind a lens", "an earlier hologram"])
+def test_where_no_start_is_smooth(monkeypatch, case):
+    """Steps are as long as they were, and the start is left alone."""
+    field, options, rates = wave_field(smooth(2, shape=(32, 32))), {}, []
+    if case == "few levels":
+        options["bits"] = 3
+    elif case == "behind a lens":
+        field = wave_field(
+            smooth(2, shape=(32, 32)), depth_far=-1e-3, optics=engine.Optics(lens=engine.Lens(0.1))
+        )
+    else:
+        options["start"] = engine.encode(field, "dpac")
+    spreads, set_start = [], channel.Channel._set_random_start
+    monkeypatch.setattr(
+        channel.Channel,
+        "_set_random_start",
+        lambda self, spread: (spreads.append(spread), set_start(self, spread)),
+    )
+    max_step = descent.max_step
+    monkeypatch.setattr(descent, "max_step", lambda r: rates.append(max_step(r)) or rates[-1])
+    engine.encode(field, "joint", randomness=0.0, max_steps=1, **options)
+    assert spreads == ([] if case == "an earlier hologram" else [MIN_SPREAD])
+    assert rates == [descent.MAX_STEP if case == "an earlier hologram" else descent.MAX_STEP_RANDOM]
 
 
 @pytest.mark.parametrize(("spread", "share"), [(MIN_SPREAD, 0.5), (math.pi / 3, 0.25)])

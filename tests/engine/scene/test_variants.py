@@ -105,6 +105,7 @@ def test_activate_is_idempotent_and_works_in_a_thread(backend):
 DRIVER = {
     "cuDeviceGetCount": "*(int *)a = 1;",
     "cuDriverGetVersion": "*(int *)a = 12080;",
+    "cuDeviceGetAttribute": "*(int *)a = (long)b == 75 ? 8 : 6;",
     "cuDeviceGetName": 'strcpy(a, "Card");',
     "cuGetErrorName": 'if ((long)a == 46) *(char **)b = "CUDA_ERROR_DEVICE_UNAVAILABLE";',
 }
@@ -166,6 +167,8 @@ def test_a_card_that_cannot_be_opened_does_not_end_the_process(fake_driver, case
     refused, detail = run(code, LD_LIBRARY_PATH=folder).splitlines()
     assert refused == f"refused cuda_ad_rgb cannot be used: {detail}; or choose llvm_ad_rgb."
     assert detail.startswith(reason)
+    described = "from holopath_addon.engine.scene import variants\nprint(variants.describe()[0]['detail'])"
+    assert run(described, LD_LIBRARY_PATH=folder) == detail
     assert run(ACTIVATE, LD_LIBRARY_PATH=folder) == "variant llvm_ad_rgb"
 
 
