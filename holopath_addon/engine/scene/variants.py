@@ -48,9 +48,8 @@ _lock = threading.RLock()
 # Variants with our plugins. Mitsuba outlives this module when Blender installs a new version of HoloPath.
 _extended = set()
 # Why Dr.Jit was imported without CUDA, though there is a driver; maybe by an earlier version of this module.
-_card_fault = (
-    "a card could not be opened: start again" if os.environ.get("DRJIT_LIBCUDA_PATH") == _NO_CUDA else ""
-)
+_hidden = "drjit" in sys.modules and os.environ.get("DRJIT_LIBCUDA_PATH") == _NO_CUDA
+_card_fault = "a card could not be opened: start again" if _hidden else ""
 
 
 def activate(prefer: str | None = None) -> str:
