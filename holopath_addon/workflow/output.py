@@ -509,7 +509,7 @@ def versions():
 
 
 def machine() -> dict[str, str | int | None]:
-    """What seconds in a report were measured on.
+    """Return the machine that the seconds of a report are of.
 
     Returns
     -------
