@@ -205,7 +205,7 @@ class Hologram:
         return "the SLM" if self.in_air is self else self.in_air.origin
 
     @property
-    def opening(self) -> str:
+    def aperture_name(self) -> str:
         """Opening that limits the light of images away from the `origin`, in words."""
         return "the SLM's aperture"
 
@@ -236,7 +236,7 @@ class Hologram:
             return ""
         border = self.border(distance)
         return (
-            f"Only {captured:.0%} of the light fits through {self.opening} at {abs(distance) * 1e3:.3g} mm: the "
+            f"Only {captured:.0%} of the light fits through {self.aperture_name} at {abs(distance) * 1e3:.3g} mm: the "
             f"outer {border} pixels darken"
         )
 
@@ -442,7 +442,7 @@ class AerialImage(Hologram):
         return "the picture's plane"
 
     @property
-    def opening(self) -> str:
+    def aperture_name(self) -> str:
         """Opening that limits the light of images away from the `origin`, in words."""
         return "what the SLM's pixels reach there"
 

@@ -508,27 +508,27 @@ class Optics:
         numpy.ndarray of bool
         """
         square = f_x**2 + f_y**2
-        passes = square <= 1
+        is_open = square <= 1
         if not self.stopped:
-            return passes
+            return is_open
         g_x, g_y = f_x + self.carrier[0], f_y + self.carrier[1]
-        passes = passes & (np.abs(g_x) <= 1) & (np.abs(g_y) <= 1)
+        is_open = is_open & (np.abs(g_x) <= 1) & (np.abs(g_y) <= 1)
         if any(self.carrier):
-            passes &= g_x**2 + g_y**2 > ZERO_ORDER**2
+            is_open &= g_x**2 + g_y**2 > ZERO_ORDER**2
         if self.stop.kind == "circle":
-            return passes & (square <= self._radius**2)
+            return is_open & (square <= self._radius**2)
         if self.stop.kind == "half":
             x, y = self.stop.direction
-            return passes & (g_x * x + g_y * y > 0) & (g_x**2 + g_y**2 <= 1)
+            return is_open & (g_x * x + g_y * y > 0) & (g_x**2 + g_y**2 <= 1)
         if self.stop.kind == "rectangle":
             width, height = self.stop.numbers
-            return passes & (np.abs(f_x) <= width / 2) & (np.abs(f_y) <= height / 2)
+            return is_open & (np.abs(f_x) <= width / 2) & (np.abs(f_y) <= height / 2)
         assert self.stop.measured is not None
         rows, columns = (
             np.clip(((1 + g) / 2 * n).astype(int), 0, n - 1)
             for g, n in zip((-g_y, g_x), self.stop.measured.shape, strict=True)
         )
-        return passes & self.stop.measured[rows, columns]
+        return is_open & self.stop.measured[rows, columns]
 
     @property
     def of_rays(self) -> Optics:
@@ -548,7 +548,7 @@ class Optics:
             self.color_shift[number] if self.color_shift else (0.0, 0.0),
         )
 
-    def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
+    def stop_mask(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
         """FFT bins of a field that pass the stop.
 
         Parameters
@@ -571,7 +571,7 @@ class Optics:
         return self.open_at(axis[None, :], -axis[:, None])
 
     @property
-    def opening(self) -> tuple[float, float, float]:
+    def stop_circle(self) -> tuple[float, float, float]:
         """Largest open circle: center, from the picture's middle ray, and radius, in units of the band's edge."""
         if not self.stopped:
             return 0.0, 0.0, 1.0
@@ -587,7 +587,7 @@ class Optics:
         radius = (inside[rows[middle], columns[middle]] - 0.5) * step
         return float(x[middle]), float(y[middle]), float(radius)
 
-    def share(self, x: float, y: float, radius: float) -> float:
+    def fraction_within(self, x: float, y: float, radius: float) -> float:
         """Fraction of the open area that is within a circle.
 
         Parameters
@@ -595,9 +595,9 @@ class Optics:
         x, y, radius : float
             Center, to the right and up, and radius, in units of the band's edge.
         """
-        axis, passes = np.linspace(-1, 1, GRID), self._open_grid()
+        axis, is_open = np.linspace(-1, 1, GRID), self._open_grid()
         inside = np.hypot(axis[None, :] - x, -axis[:, None] - y) <= radius
-        return float((passes & inside).sum() / passes.sum())
+        return float((is_open & inside).sum() / is_open.sum())
 
     def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
         """Check that the bench fits a panel.

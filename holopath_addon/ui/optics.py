@@ -93,7 +93,7 @@ def _state(layout, context):
         alert(layout, context, str(error))
         return
     if bench.stopped:
-        wrapped(layout, context, f"Pupil: {bench.opening[2]:.0%} as Wide as on Axis", icon="INFO")
+        wrapped(layout, context, f"Pupil: {bench.stop_circle[2]:.0%} as Wide as on Axis", icon="INFO")
     field, phase = session.current.field, session.current.phase
     if field is not None and field.hologram.optics.lens != bench.lens:
         wrapped(layout, context, "Wave Field Is for Another Lens: Render Again", icon="ERROR")

@@ -182,7 +182,7 @@ def _preview(request, plan, focus, seconds, progress, offer):
     camera, hologram, pupil = request.camera, request.hologram, request.pupil
     mapping = DepthMapping.of(hologram, camera, plan.near)
     reach = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
-    x, y, aperture = (reach * value for value in hologram.optics.opening)
+    x, y, aperture = (reach * value for value in hologram.optics.stop_circle)
     channels = [channel(w) for w in hologram.wavelengths]
     camera, hologram = squared(camera, hologram)
     size, center = (hologram.width, hologram.height), (x, y)

@@ -285,25 +285,25 @@ def test_a_grating_sends_light_along_the_carrier(carrier):
     dark = engine.PhaseHologram(0 * data, hologram, field.camera, 1.0, "none", (1.0,)).field()
     row, column = np.unravel_index(np.argmax(np.abs(np.fft.fft2(dark.data[0, 0]))), (64, 64))
     assert (np.fft.fftfreq(64)[column], np.fft.fftfreq(64)[row]) == (-carrier[0] / 2, carrier[1] / 2)
-    assert not hologram.optics.passes((64, 64))[row, column]
+    assert not hologram.optics.stop_mask((64, 64))[row, column]
 
 
 def test_areas_and_places_of_stops():
     def share(optics, total=math.pi / 4):
-        return float(optics.passes((500, 500)).mean()) / total
+        return float(optics.stop_mask((500, 500)).mean()) / total
 
     assert share(bench()) == pytest.approx(1, rel=5e-3)
     assert share(bench(stop=engine.Stop("circle", (0.5,)))) == pytest.approx(0.25, rel=1e-2)
     assert share(bench("auto")) == pytest.approx(0.48**2, rel=1e-2)
     assert share(bench(stop=engine.Stop("half"), carrier=(0, 0))) == pytest.approx(0.5, rel=1e-2)
     assert share(bench("auto", engine.Stop("rectangle", (0.5, 0.8))), 1) == pytest.approx(0.1, rel=2e-2)
-    up = bench((0, 0), engine.Stop("half", (math.pi / 2,))).passes((32, 32))
+    up = bench((0, 0), engine.Stop("half", (math.pi / 2,))).stop_mask((32, 32))
     assert up[-5, 3] and not up[5, 3]  # rows count downwards, and so do their frequencies
-    right = bench((0, 0), engine.Stop("half")).passes((32, 32))
+    right = bench((0, 0), engine.Stop("half")).stop_mask((32, 32))
     assert right[3, 5] and not right[3, -5]
     upper_left = np.zeros((4, 4), bool)
     upper_left[:2, :2] = True
-    measured = bench((0, 0), engine.Stop("measured", measured=upper_left)).passes((32, 32))
+    measured = bench((0, 0), engine.Stop("measured", measured=upper_left)).stop_mask((32, 32))
     assert measured[-5, -5] and not (measured[5, 5] or measured[-5, 5] or measured[5, -5])
     assert bench("auto", engine.Stop("measured", measured=upper_left)).carrier == (-0.5, 0.5)
     for optics, opening in (
@@ -311,7 +311,7 @@ def test_areas_and_places_of_stops():
         (bench((0, 0), engine.Stop("half")), (0.5, 0, 0.49)),
         (bench("auto", engine.Stop("rectangle", (0.5, 0.8))), (0, 0, 0.25)),
     ):
-        np.testing.assert_allclose(optics.opening, opening, atol=0.04)
+        np.testing.assert_allclose(optics.stop_circle, opening, atol=0.04)
 
 
 def test_what_is_seen_through_a_rectangle():
@@ -352,7 +352,7 @@ def test_a_binary_panel_shows_no_twin_off_axis(target, kind):
     def shares(field, optics):
         phase = engine.encode(field, "sgd", bits=1, max_steps=40)
         assert set(np.unique(phase.data).round(4)) == {0, np.float32(math.pi).round(4)}
-        shown = np.fft.fft2(phase.field().data[0, 0]) * optics.passes(SHAPE)
+        shown = np.fft.fft2(phase.field().data[0, 0]) * optics.stop_mask(SHAPE)
         picture = np.fft.fft2(field.data[0, 0])
         twin = np.fft.fft2(field.data[0, 0].conj())
         own, other = (
@@ -420,7 +420,8 @@ def test_phases_of_one_bit_are_sharper_than_the_stop_is_by_itself(monkeypatch):
     hologram = engine.Hologram(64, 64, PITCH, (GREEN,), -1e-4, 1e-4, optics=optics)
     rng = np.random.default_rng(0)
     light = np.sqrt(picture[None, ..., 0]) * np.exp(2j * math.pi * rng.random((200, 64, 64)))
-    light = np.fft.ifft2(np.fft.fft2(light) * engine.Optics().passes((64, 64))).astype(np.complex64)[:, None]
+    spectrum = np.fft.fft2(light) * engine.Optics().stop_mask((64, 64))
+    light = np.fft.ifft2(spectrum).astype(np.complex64)[:, None]
     field = engine.WaveField(light[:16], hologram, engine.Camera(np.eye(4), 0.5), 1.0)
 
     def shown():

@@ -90,7 +90,7 @@ def test_the_preview_looks_through_what_the_stop_leaves_open(monkeypatch, pupil)
     pipeline._preview(request, SimpleNamespace(near=0.5), 1.0, 0.0, None, lambda image: None)
     ((aperture, center),) = looks
     reach = DepthMapping.of(hologram, request.camera, 0.5).pupil_radius(hologram.max_slope(500e-9))
-    x, y, radius = optics.opening
+    x, y, radius = optics.stop_circle
     assert max(abs(x), abs(y)) == pytest.approx(0.5, abs=0.03) == pytest.approx(radius, abs=0.05)
     expected = (radius * reach, (x * reach, y * reach)) if pupil is None else (1e-3, (1e-3, 0.0))
     assert (aperture, *center) == pytest.approx((min(expected[0], radius * reach), *expected[1]))

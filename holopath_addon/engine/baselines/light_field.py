@@ -73,8 +73,8 @@ class _Views(TargetImages):
 
     def band_fraction(self, number):
         """Fraction of the light in the band that passes a viewpoint."""
-        passes = self.viewpoints[number].passes(self.padded, self.space.pitch)
-        return float((passes & self.space.band).sum() / self.space.band.sum())
+        mask = self.viewpoints[number].part_mask(self.padded, self.space.pitch)
+        return float((mask & self.space.band).sum() / self.space.band.sum())
 
     def weight(self, number):
         """Weight of each pixel; 0 for those that light from the SLM does not reach through the part."""

@@ -105,7 +105,7 @@ class Channel:
         self._shape = tuple(n + 2 * self._margin for n in self._panel)  # of light
         if self._lens is not None:
             self._shape = self._grid.raster(hologram.wavelengths[0]).shape
-        self._passes = hologram.optics.passes(self._shape, self._grid.pitch_at(self.wavelength))
+        self._stop_mask = hologram.optics.stop_mask(self._shape, self._grid.pitch_at(self.wavelength))
 
     @property
     def randomness(self) -> float | None:
@@ -149,7 +149,7 @@ class Channel:
 
     def set_gain(self) -> None:
         """Set the gain with which the light within the band has the energy of the field's."""
-        band, xp = arrays.like(self._passes, self.phases), arrays.namespace(self.phases)
+        band, xp = arrays.like(self._stop_mask, self.phases), arrays.namespace(self.phases)
         field_energy = light_energy = 0.0
         for frame in range(self.phases.shape[0]):
             self._on_wait()
@@ -171,7 +171,7 @@ class Channel:
         frames = self.phases.shape[0]
         keep = half_band(self._panel)
         if self._lens is None:
-            keep &= self._passes
+            keep &= self._stop_mask
         waves = arrays.empty((frames, *self._panel), "complex64", self._field.data)
         for frame in range(frames):
             wave = self._field.data[frame, self.color, ...] * (1 / self.scale)
@@ -237,7 +237,7 @@ class Channel:
     def _aimed_waves(self):
         """`aimed_waves` through the pupil that all wavelengths fill, within the stop."""
         hologram = self._field.hologram
-        x, y, radius = hologram.optics.opening
+        x, y, radius = hologram.optics.stop_circle
         sizes = [each / coarsest(hologram.pitch) for each in axes(hologram.pitch)]
         radius *= min(hologram.wavelengths) / self.wavelength
         scale = [radius * size for size in sizes]

@@ -64,8 +64,8 @@ def interference(
     if isinstance(thing, PhaseHologram):
         waves, reference = xp.exp(1j * arrays.as_type(values, "complex64")), 1.0
     else:
-        passes = optics.passes(values.shape, hologram.pitch_at(hologram.wavelengths[color]))
-        passed = arrays.ifft2(arrays.fft2(values) * arrays.mask(passes, values))
+        mask = optics.stop_mask(values.shape, hologram.pitch_at(hologram.wavelengths[color]))
+        passed = arrays.ifft2(arrays.fft2(values) * arrays.mask(mask, values))
         beam = hologram.illumination(color)
         waves = transmission(passed, beam if beam is None else arrays.like(beam, values))
         reference = float(np.percentile(arrays.on_processor(xp.abs(waves)), REFERENCE))

@@ -61,7 +61,7 @@ class ComplexTarget:
         pitch: Pitch = 1.0,
     ) -> None:
         shape = fields.shape[-2:]
-        self._band = optics.passes(shape, pitch) if has_stop else np.ones(shape, bool)
+        self._band = optics.stop_mask(shape, pitch) if has_stop else np.ones(shape, bool)
         self._band, self._pool = arrays.like(self._band, fields, fields.dtype), pool
         self._spectra = pool.each(lambda frame: arrays.fft2(fields[frame, ...]) * self._band, fields.shape[0])
         self._energies = np.array(pool.each(lambda frame: _square(self._spectra[frame]), fields.shape[0]))
@@ -157,7 +157,7 @@ class AmplitudeTarget:
         farthest = max(map(abs, distances))
         # its loss is reported as a PSNR: the guard band is that of images
         self._padded = padded_shape(self._shape, pitch, wavelength, farthest, EVALUATION_GUARD)
-        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch), on=fields)
+        space = FreeSpace(self._padded, pitch, wavelength, optics.stop_mask(self._padded, pitch), on=fields)
         self._transfers = [arrays.as_type(space(z), fields.dtype) for z in distances]
         rows, columns = self._shape
         xp = arrays.namespace(fields)

@@ -42,7 +42,7 @@ class ViewKind:
     Attributes
     ----------
     radius : float
-        Radius of the part in terms of that of the stop's `opening`; 1 is the whole stop.
+        Radius of the part in terms of that of the stop's `stop_circle`; 1 is the whole stop.
     each : int
         Number of views at each depth, for up to eight frames; see `number`.
     weight : float
@@ -111,7 +111,7 @@ class ViewedVolume:
     low, high : float
         Distances of the volume's ends from the fields' plane, meters.
     optics : Optics
-        Optics with the stop; parts of the pupil are those of its `opening`.
+        Optics with the stop; parts of the pupil are those of its `stop_circle`.
     places : (EvenSteps, EvenSteps), optional
         Rows and columns of the image between those of the fields, at which views of the whole pupil are sampled as far
         as FFTs allow. Default: those of the fields.
@@ -135,8 +135,8 @@ class ViewedVolume:
 
     @property
     def slope(self) -> float:
-        """Slope of light at the rim of the stop's `opening`, relative to that at its center."""
-        return self.optics.opening[2] * math.tan(math.asin(self.wavelength / (2 * coarsest(self.pitch))))
+        """Slope of light at the rim of the stop's `stop_circle`, relative to that at its center."""
+        return self.optics.stop_circle[2] * math.tan(math.asin(self.wavelength / (2 * coarsest(self.pitch))))
 
     @property
     def distances(self) -> np.ndarray:
@@ -193,11 +193,11 @@ class Views:
     ) -> None:
         self.volume, self.padded, self.on_wait = volume, volume.padded, on_wait
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
-        passes = volume.optics.passes(self.padded, volume.pitch)
-        space = FreeSpace(self.padded, volume.pitch, volume.wavelength, passes, on)
+        mask = volume.optics.stop_mask(self.padded, volume.pitch)
+        space = FreeSpace(self.padded, volume.pitch, volume.wavelength, mask, on)
         self._transfers = TransferCache(space)
         self._views: list[_View] = []
-        x, y, radius = volume.optics.opening
+        x, y, radius = volume.optics.stop_circle
         rng = np.random.default_rng(seed)
         self.transforms = 1 + len(volume.distances) * transforms(frames, eyebox)
         for kind, numbers in self.kinds:
@@ -250,7 +250,7 @@ class Views:
         """Return the waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
         view = self._views[number]
         transfer = self._transfer(view)
-        if view.passes is None:
+        if view.transmission is None:
             waves = spectra * transfer
         else:
             waves = view.cut(spectra)
@@ -264,15 +264,15 @@ class Views:
         view = self._views[number]
         for batch in self._transform_batches(waves):
             waves[batch, ...] = arrays.fft2(waves[batch, ...], overwrite=True, workers=threads())
-        waves *= arrays.namespace(waves).conj(self._transfer(view)) * (1 / view.share)
+        waves *= arrays.namespace(waves).conj(self._transfer(view)) * (1 / view.sample_ratio)
         view.put(waves, gradient)
 
     def _transfer(self, view):
         """Transfer function on the bins of a view; zero outside its part of the pupil."""
         whole = self._transfers(Viewpoint(view.viewpoint.distance))
-        if view.passes is None:
+        if view.transmission is None:
             return whole
-        return view.cut(whole[None, ...])[0, ...] * view.passes
+        return view.cut(whole[None, ...])[0, ...] * view.transmission
 
 
 class ViewTargets:
@@ -361,26 +361,27 @@ class _View:
     ----------
     apart : int
         Pixels between samples.
-    share : float
+    sample_ratio : float
         Samples over bins of the padded spectrum.
-    passes : array or None
-        Transmission of the part on its bins of the padded spectrum, times `share`, in FFT order around the center of
-        the part. At other places than the fields' also the phase that moves the first of them to the first sample. None
-        for the whole pupil at the fields' own.
+    transmission : array or None
+        Transmission of the part on its bins of the padded spectrum, times `sample_ratio`, in FFT order around the
+        center of the part. At other places than the fields' also the phase that moves the first of them to the first
+        sample. None for the whole pupil at the fields' own.
     """
 
     def __init__(self, viewpoint, apart, padded, pitch, places, on):
-        self.viewpoint, self.apart, self.passes, self.share = viewpoint, apart, None, 1 / apart**2
-        passes = viewpoint.passes(padded, pitch)
-        if passes is None and places is not None:
+        self.viewpoint, self.apart = viewpoint, apart
+        self.transmission, self.sample_ratio = None, 1 / apart**2
+        mask = viewpoint.part_mask(padded, pitch)
+        if mask is None and places is not None:
             self._shape = tuple(round(n / line.step) for n, line in zip(padded, places, strict=True))
             bins = [scipy.fft.fftfreq(m, 1 / m).round().astype(int) for m in self._shape]
             self._set_blocks(*(b % n for b, n in zip(bins, padded, strict=True)))
-            self.share = math.prod(self._shape) / math.prod(padded)
+            self.sample_ratio = math.prod(self._shape) / math.prod(padded)
             turns = (b * (line.first / n) for b, line, n in zip(bins, places, padded, strict=True))
             down, across = (np.exp(2j * math.pi * turn) for turn in turns)
-            self.passes = (self.share * down[:, None] * across).astype(np.complex64)
-        if passes is not None:
+            self.transmission = (self.sample_ratio * down[:, None] * across).astype(np.complex64)
+        if mask is not None:
             x, y, _ = viewpoint.part
             rows, columns = (
                 (round(middle * (d / coarsest(pitch)) * n) + _bins(n, apart)) % n
@@ -388,9 +389,9 @@ class _View:
             )
             self._shape = len(rows), len(columns)
             self._set_blocks(rows, columns)
-            self.passes = passes[np.ix_(rows, columns)] * np.float32(self.share)
-        if self.passes is not None:
-            self.passes = arrays.like(self.passes, on)
+            self.transmission = mask[np.ix_(rows, columns)] * np.float32(self.sample_ratio)
+        if self.transmission is not None:
+            self.transmission = arrays.like(self.transmission, on)
 
     def _set_blocks(self, rows, columns):
         self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
@@ -404,7 +405,7 @@ class _View:
 
     def put(self, part, spectra):
         """Add the view's bins to those of spectra."""
-        if self.passes is None:
+        if self.transmission is None:
             spectra += part
             return
         for (rows, to_rows), (columns, to_columns) in self._blocks:
@@ -419,7 +420,7 @@ def _deblurred(blurred, optics, pitch):
     blurred = arrays.at(
         blurred, *(np.pad(m, (0, n - len(m)), "edge") for n, m in zip(shape, wide, strict=True))
     )
-    kernel = np.abs(scipy.fft.ifft2(optics.passes(shape, pitch))) ** 2
+    kernel = np.abs(scipy.fft.ifft2(optics.stop_mask(shape, pitch))) ** 2
     transfer = scipy.fft.rfft2((kernel / kernel.sum()).astype(np.float32))
     transfer = arrays.like(transfer, blurred)
 

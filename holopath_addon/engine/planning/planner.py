@@ -457,7 +457,7 @@ def report_depth(survey: Survey) -> Decided[None]:
             f"eyepiece mapping by a lens of {lens.focal * 1e3:g} mm, through which the picture is {picture:.2g} "
             f"degrees wide of the camera's {camera:.2g}"
         )
-    opening = hologram.optics.opening[2]
+    opening = hologram.optics.stop_circle[2]
     radii = [1e3 * opening * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     width = f"{2 * min(radii):.3g} mm wide"
     if max(radii) > 1.01 * min(radii):

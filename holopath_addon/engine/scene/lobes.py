@@ -53,7 +53,7 @@ class SpecularLobes:
     """
 
     def __init__(self, scene: mi.Scene) -> None:
-        self.components, self.mixed, self.passes = set(), False, False
+        self.components, self.mixed, self.transmits = set(), False, False
         self.rough, self.coated = set(), False
         for bsdf, emits in _surfaces(scene):
             flags = int(bsdf.flags())
@@ -63,7 +63,7 @@ class SpecularLobes:
                 self.coated |= bool(flags & GLOSSY) and bool(flags & DIFFUSE)
                 continue
             self.mixed |= emits or bool(flags & SMOOTH)
-            self.passes |= bool(flags & PASSAGE)
+            self.transmits |= bool(flags & PASSAGE)
             for number in range(bsdf.component_count()):
                 self.components |= {
                     (number, lobe) for lobe in (REFLECTION, REFRACTION) if bsdf.flags(number) & lobe
@@ -83,7 +83,7 @@ class SpecularLobes:
             scatters |= si.shape.is_emitter()
         reflected = self._lobe(bsdf, si, REFLECTION, active & ((flags & REFLECTION) != 0))
         transmitted = self._lobe(bsdf, si, REFRACTION, active & ((flags & REFRACTION) != 0))
-        if self.passes:
+        if self.transmits:
             straight = active & ((flags & PASSAGE) != 0)
             weight = dr.select(straight, bsdf.eval_null_transmission(si, straight), 0)
             transmitted.direction = dr.select(straight, -si.to_world(si.wi), transmitted.direction)

@@ -32,12 +32,12 @@ EDGE_TOLERANCE = 1e-6  # fraction of a pupil's radius that may lie beyond the li
 
 def pupil_radius(field: WaveField) -> float:
     """Radius in meters of the largest pupil that every wavelength fills, within the stop."""
-    return _band_radius(field) * field.hologram.optics.opening[2]
+    return _band_radius(field) * field.hologram.optics.stop_circle[2]
 
 
 def pupil_center(field: WaveField) -> tuple[float, float]:
     """Center of the pupil of `pupil_radius`, meters to the right and up of the axis."""
-    x, y, _ = field.hologram.optics.opening
+    x, y, _ = field.hologram.optics.stop_circle
     return x * _band_radius(field), y * _band_radius(field)
 
 
@@ -107,7 +107,7 @@ def opening_fractions(field: WaveField, pupil: Pupil) -> np.ndarray:
     radii = np.array([mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths])
     if hologram.optics.stopped:
         return np.array(
-            [hologram.optics.share(pupil.x / r, pupil.y / r, pupil.diameter / 2 / r) for r in radii]
+            [hologram.optics.fraction_within(pupil.x / r, pupil.y / r, pupil.diameter / 2 / r) for r in radii]
         )
     return _overlap(radii, pupil.diameter / 2, math.hypot(pupil.x, pupil.y)) / (math.pi * radii**2)
 
@@ -249,7 +249,7 @@ def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
     fractions, (frames, colors) = [], phase.data.shape[:2]
     for color, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
-        band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
+        band = hologram.optics.stop_mask(shape, grid.pitch_at(wavelength))
         lens = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(color)
         beam = 1 if illumination is None else illumination

@@ -134,7 +134,7 @@ def axial_view(hologram: Hologram) -> AxialView:
     depth, half = last - first, size / 2
     rays, beam, start = _beam(optics, axis, half, first, depth)
     end, middle = last + AFTER * depth, (far + near) / 2
-    x, radius = optics.opening[axis], optics.opening[2]
+    x, radius = optics.stop_circle[axis], optics.stop_circle[2]
     slopes = [hologram.widest_slope * part for part in (x - radius, x + radius)]
     cone = [
         _refract(optics.lens, np.array([(middle, 0.0), (end, slope * (end - middle))])) for slope in slopes

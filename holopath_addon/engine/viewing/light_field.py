@@ -68,7 +68,7 @@ def pupil_row(
 def _disk(hologram, mapping, pupil):
     """Center and radius of the disk that points come from, meters."""
     radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
-    x, y, opening = hologram.optics.opening
+    x, y, opening = hologram.optics.stop_circle
     if pupil is None:
         return (radius * x, radius * y), radius * opening
     return (pupil.x, pupil.y), min(radius, pupil.diameter / 2)

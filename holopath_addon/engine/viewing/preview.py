@@ -240,7 +240,7 @@ def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingI
 
     from ..scene.lobes import SpecularLobes
 
-    kind = "volpath" if SpecularLobes(scene).passes else "path"
+    kind = "volpath" if SpecularLobes(scene).transmits else "path"
     paths = mi.load_dict({"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)})
     hidden = not sees_sky and scene.environment() is not None
 

@@ -305,7 +305,7 @@ class Refocuser:
         """FFT bins that pass the stop and the pupil; None for all of the band."""
         grid, wavelength = self._grid, self._grid.wavelengths[k]
         optics, pitch = grid.optics, grid.pitch_at(wavelength)
-        mask = optics.passes(padded, pitch) if optics.stopped else None
+        mask = optics.stop_mask(padded, pitch) if optics.stopped else None
         if pupil is not None:
             part = pupil_mask(padded, pitch, wavelength, self.field.mapping, pupil, optics)
             mask = part if mask is None else mask & part

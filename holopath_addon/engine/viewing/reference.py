@@ -190,12 +190,12 @@ class _Pupils:
         point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._center
         weight = mi.Color3f(0)
         for c, end in self._own.items():
-            passes = dr.squared_norm(point) <= end
+            is_open = dr.squared_norm(point) <= end
             if self._open is not None:
                 column, row = (mi.Int((1 + at / self._radii[c]) * (CELLS / 2)) for at in (point.x, -point.y))
                 column, row = (dr.clip(at, 0, CELLS - 1) for at in (column, row))
-                passes &= dr.gather(mi.Bool, self._open, mi.UInt(row * CELLS + column))
-            weight[c] = dr.select(passes, self._scale / density, 0)
+                is_open &= dr.gather(mi.Bool, self._open, mi.UInt(row * CELLS + column))
+            weight[c] = dr.select(is_open, self._scale / density, 0)
         return point, weight
 
 
@@ -284,8 +284,8 @@ def diffracted(
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
         cone = coarsest(grid.pitch_at(grid.wavelengths[k]))  # behind a lens wider than a picture's pixel
-        passes = grid.optics.passes((rows, columns), (grid.pitch, grid.pitch, cone))
-        kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
+        mask = grid.optics.stop_mask((rows, columns), (grid.pitch, grid.pitch, cone))
+        kernel = np.abs(scipy.fft.ifft2((f <= radius) & mask)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
     return np.maximum(out, 0)

@@ -141,7 +141,7 @@ class FreeSpace:
     wavelength : float
         Meters.
     passes : numpy.ndarray of bool, optional
-        FFT bins that pass a stop, see `Optics.passes`. Default: all of the band.
+        FFT bins that pass a stop, see `Optics.stop_mask`. Default: all of the band.
     on : array, optional
         Array whose library and device compute. Default: NumPy.
     """

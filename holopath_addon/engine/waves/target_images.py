@@ -35,7 +35,7 @@ class Viewpoint:
     distance: float
     part: tuple | None = None
 
-    def passes(self, shape: tuple[int, int], pitch: Pitch = 1.0) -> np.ndarray | None:
+    def part_mask(self, shape: tuple[int, int], pitch: Pitch = 1.0) -> np.ndarray | None:
         """FFT bins that pass the part of the pupil; None for the whole pupil."""
         if self.part is None:
             return None
@@ -92,9 +92,9 @@ class TransferCache:
         """Return the transfer function of a viewpoint, complex64, in FFT order; do not change it."""
         transfer, space = self._transfers.get(viewpoint), self._space
         if transfer is None:
-            transfer, passes = space(viewpoint.distance), viewpoint.passes(space.shape, space.pitch)
-            if passes is not None:
-                transfer *= arrays.mask(passes, transfer)
+            transfer, mask = space(viewpoint.distance), viewpoint.part_mask(space.shape, space.pitch)
+            if mask is not None:
+                transfer *= arrays.mask(mask, transfer)
             if (len(self._transfers) + 1) * 8 * math.prod(space.shape) <= MAX_TRANSFER_BYTES:
                 self._transfers[viewpoint] = transfer
         return transfer

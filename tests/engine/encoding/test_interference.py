@@ -23,7 +23,7 @@ def speckle():
     """A field of random phases that passes a stop of a quarter of the band."""
     rng = np.random.default_rng(0)
     noise = rng.normal(size=SHAPE) + 1j * rng.normal(size=SHAPE)
-    spectrum = np.fft.fft2(noise) * QUARTER.passes(SHAPE)
+    spectrum = np.fft.fft2(noise) * QUARTER.stop_mask(SHAPE)
     return field_of(np.fft.ifft2(spectrum), QUARTER)
 
 
@@ -71,7 +71,7 @@ def test_twin_and_zero_order_lie_outside_the_stop(speckle):
         found = [np.fft.fft2(each) for each in (picture, twin, zero_order)]
         return [abs(np.vdot(e, image)) ** 2 / np.vdot(e, e).real / np.vdot(image, image).real for e in found]
 
-    own, other, unmodulated = shares(QUARTER.passes(SHAPE))
+    own, other, unmodulated = shares(QUARTER.stop_mask(SHAPE))
     assert own > 0.95 and other < 0.01 and unmodulated < 0.01
     own, other, unmodulated = shares(np.ones(SHAPE, bool))
     assert other == pytest.approx(own, rel=0.05) and unmodulated > own

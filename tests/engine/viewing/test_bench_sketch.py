@@ -116,7 +116,7 @@ def test_light_behind_the_slm(name):
     assert abs(optics.carrier[axis]) == max(map(abs, optics.carrier))
     slope = math.tan(math.asin(520e-9 / (2 * which.pitch)))
     assert bench.zero_order == pytest.approx(-optics.carrier[axis] * slope * bench.end)
-    x, radius = optics.opening[axis], optics.opening[2]
+    x, radius = optics.stop_circle[axis], optics.stop_circle[2]
     way = bench.end - 0.5e3 * (which.depth_far + which.depth_near)
     assert bench.edges == pytest.approx(((x - radius) * slope * way, (x + radius) * slope * way))
 
