@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scenes import FOV, GREEN, Scenes
+from holopath_addon.engine.waves.supervision import FramePool
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -15,6 +16,13 @@ def alone(one_thread):
 def build(backend):
     """Builders of small scenes; meters."""
     return Scenes()
+
+
+@pytest.fixture
+def pool():
+    """Threads that take frames side by side."""
+    with FramePool() as pool:
+        yield pool
 
 
 LIBRARIES = "array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)

@@ -21,7 +21,7 @@ from holopath_addon.slm.fitting import (
     vector,
 )
 from holopath_addon.slm.patterns import patterns, references
-from tests.engine.encoding.test_descent import smooth
+from tests.engine.encoding.fields import smooth
 
 GREEN, PITCH, FOCI = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3)
 SMALL = slm.PatternWindow(24, PITCH, GREEN)

@@ -11,7 +11,7 @@ import pytest
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.scene import variants
 from holopath_addon.slm.calibration import measured_levels
-from tests.engine.encoding.test_descent import GREEN, smooth, wave_field
+from tests.engine.encoding.fields import GREEN, smooth, wave_field
 
 WHOLE = {
     "format": "HoloPath SLM calibration",

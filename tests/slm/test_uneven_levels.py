@@ -10,7 +10,7 @@ from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
 from holopath_addon.slm.calibration import measured_levels, response_files
 from holopath_addon.slm.drivers.virtual import VirtualDriver
-from tests.engine.encoding.test_descent import GREEN, smooth, wave_field
+from tests.engine.encoding.fields import GREEN, smooth, wave_field
 
 TURN, EVEN = 2 * math.pi, np.arange(256) / 255
 # Of Texas Instruments' PLM, as its software has them: height of the mirrors, of a turn.

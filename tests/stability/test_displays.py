@@ -51,7 +51,7 @@ SLOW = {
     "distance": "a picture too far for the aperture, here; test_rendering: points refocus at their depth",
     "wavelength": "test_rendering: each wavelength shows its channel",
     "pitch": "size, here; test_slabs",
-    "encoder's rate": "test_descent: phases by the rate that is used",
+    "encoder's rate": "test_descent: longest steps",
 }
 
 
@@ -116,7 +116,7 @@ def test_fewer_and_more_rays_than_needed():  # test_planner: too few rays are wa
 
 
 @pytest.mark.slow
-def test_the_scale_of_what_is_encoded():  # test_descent: how bright the field is does not matter
+def test_the_scale_of_what_is_encoded():  # test_encoder: how bright the field is does not matter
     for figures in few("target's scale"):
         for name in ("dpac", "sgd", "joint"):
             assert figures[f"{name} brightness"] == pytest.approx(1, abs=0.05)

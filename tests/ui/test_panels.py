@@ -121,10 +121,11 @@ def nothing_rendered(scene, monkeypatch):
 
 @state
 def no_camera(scene, monkeypatch):
-    scene.camera = None
+    camera, scene.camera = scene.camera, None
     with pytest.raises(RuntimeError, match="no active camera"):
         bpy.ops.holopath.render_hologram()
     yield
+    scene.camera = camera
 
 
 @state

@@ -21,14 +21,6 @@ DESCENTS = ("rgbd-sgd", "focal-stack", "light-field")
 METHODS = ("rgbd", *DESCENTS)
 
 
-@pytest.fixture
-def pool():
-    from holopath_addon.engine.waves.supervision import FramePool
-
-    with FramePool() as pool:
-        yield pool
-
-
 def display(wavelengths=(GREEN,), side=SIDE):
     return engine.Hologram(side, side, 8e-6, wavelengths, 1e-3, 4e-3, near=0.5)
 
