@@ -35,7 +35,8 @@ def parts_of(records, made, references) -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict of str to dict
-        By part: ``made``, ``reference`` (None of scenes that are only timed) and ``records``.
+        By part: ``made``, ``reference`` (None of scenes that are only timed) and ``records``; ``renewals``, if records
+        were measured anew later, see `renewal`.
     """
     parts = {}
     for record in records:
@@ -50,7 +51,8 @@ def save(parts, folder):
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, part in parts.items():
         records = [{k: _short(v) for k, v in r.items() if k not in UNPUBLISHED} for r in part["records"]]
-        head = json.dumps({"made": part["made"], "reference": _short(part["reference"])})[1:-1]
+        head = {own: _short(value) for own, value in part.items() if own != "records"}
+        head = json.dumps(head)[1:-1]
         lines = ",\n".join(json.dumps(record, separators=(",", ":")) for record in records)
         (Path(folder) / f"{name}.json").write_text(f'{{{head},\n"records": [\n{lines}\n]}}\n', "utf-8")
 
@@ -64,4 +66,6 @@ def load(names, folder) -> dict[str, dict[str, Any]]:
 def _short(value):
     if isinstance(value, dict):
         return {name: _short(own) for name, own in value.items()}
+    if isinstance(value, list):
+        return [_short(own) for own in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value

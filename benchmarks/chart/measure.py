@@ -30,7 +30,7 @@ from holopath_addon.workflow.request import Encoding
 from ..parts import sentence_of
 from . import looks, peers
 from .figures import FLIP_MODULE, figures, of_eight_bits, psnr_of_headline
-from .methods import SHOWN_BUDGETS, M, methods, warmed
+from .methods import M, methods, warmed
 from .scenes import SCENES, built
 
 SHORT = 3.0
@@ -202,17 +202,16 @@ def run(task, tell=_tell):
     if task.method == "reference":
         return
     method = methods(hologram)[task.method]
-    gave_up = []  # frames and seconds of records that were; what comes after them is more work
+    gave_up = []  # frames of records that were; what comes after them is more work
     for effort, frames in task.records:
         if (earlier := kept(task, effort, frames)) and not is_fault(earlier):
             continue
-        limit = limit_of(task, method, effort, frames)
-        if any(fewer <= frames and limit <= seconds for fewer, seconds in gave_up):
-            result = {"failed": f"{OVER}{limit:g} s"}
+        if any(fewer <= frames for fewer in gave_up):
+            result = {"failed": f"{OVER}{task.limit:g} s"}
         else:
-            result = _measured(task, method, effort, frames, scene, camera, hologram, truth, limit)
+            result = _measured(task, method, effort, frames, scene, camera, hologram, truth)
         if result.get("failed", "").startswith(OVER):
-            gave_up.append((frames, limit))
+            gave_up.append(frames)
         record = {
             "method": task.method,
             "kind": method.kind,
@@ -241,16 +240,9 @@ def line_of(record):
     return name + figures
 
 
-def limit_of(task, method, effort, frames):
-    """Seconds after which a record is given up."""
-    if frames != M and effort in method.shown:  # nothing is told of more seconds
-        return min(task.limit, max(SHOWN_BUDGETS))
-    return task.limit
-
-
-def _measured(task, method, effort, frames, scene, camera, hologram, truth, limit):
+def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     settings, encoding = method.settings(effort, frames), method.encoding(effort)
-    view, clock = (scene, camera, hologram), Stages(limit)
+    view, limit, clock = (scene, camera, hologram), task.limit, Stages(task.limit)
     try:
         warm = _rendered(method, *view, warmed(settings), encoding, Stages(limit))
         if encoding:

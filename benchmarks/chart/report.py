@@ -47,15 +47,17 @@ INTRODUCTION = (
     """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on
-two cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
-[--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. Records are kept in
+scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on two
+cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME
+...] [--frames M ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. Records are kept in
 build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped goes on where it
 was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
 records, and this page is written from all that is published; `python -m benchmarks chart --page [--since FILE]` writes
-it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not. A
-part that fails is named at the end of the page, with its reason, and measured again the next time. With `--since` the
-page lists what is lower than on an earlier page, or in its chart.json.
+it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not. With
+`--docs --frames M ...` records of so many frames are measured anew on any machine, but those with a limit of seconds:
+it times other records again as well, and its seconds are divided by how much slower it is. A part that fails is named
+at the end of the page, with its reason, and measured again the next time. With `--since` the page lists what is lower
+than on an earlier page, or in its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -204,6 +206,7 @@ def write(chart, records, made, docs=False, since=None):
         budgets,
         failed,
         {name: part["made"] for name, part in parts.items()},
+        {name: part.get("renewals", ()) for name, part in parts.items()},
         ratios,
         table,
         ceilings,
@@ -321,7 +324,20 @@ def _rows(header, rows):
 
 
 def _page(
-    chart, records, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults, before
+    chart,
+    records,
+    triangles,
+    budgets,
+    failed,
+    made,
+    renewals,
+    ratios,
+    table,
+    ceilings,
+    shown,
+    names,
+    faults,
+    before,
 ):
     """The page, its pictures in IMAGES; of pictures those `names` that were drawn."""
 
@@ -334,7 +350,7 @@ def _page(
         f"Holograms of {size}, 8 µm, 640, 516.5 and 455.4 nm, 1 to 6 mm from the SLM; references of {chart.spp} paths "
         "a pixel and wavelength.\n"
     )
-    text += [*_made_table(made), ""]
+    text += [*_made_table(made, renewals), ""]
     lacking = [scene for scene in chart.scenes if scene not in made]
     if lacking and made:
         text.append(f"Not measured of this code: {', '.join(lacking)}.\n")
@@ -456,12 +472,19 @@ def _notes(name):
     return [file.read_text("utf-8")] if file.exists() else []
 
 
-def _made_table(made):
-    """Where and when each scene was measured: scenes of one run share a row."""
+def _made_table(made, renewals):
+    """Where and when each scene was measured, and what was renewed of it: scenes of one run share a row."""
     runs = {}
     for scene, run_of in made.items():
         key = tuple(run_of[name] for name in ("machine", "date", "commit"))
         runs.setdefault(key, []).append(scene)
+    for scene, later in renewals.items():
+        for run_of in later:
+            key = tuple(run_of[name] for name in ("machine", "date", "commit"))
+            frames = " and ".join(f"{m}" for m in run_of["frames"])
+            runs.setdefault(key, []).append(
+                f"{scene} ({run_of['count']} records of {frames} frames, seconds divided by {run_of['slower']:.2f})"
+            )
     return _rows(
         ["measured on", "date", "commit", "scenes"], [[*key, ", ".join(names)] for key, names in runs.items()]
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from holopath_addon import engine
 
 from ..parts import Incomplete, sentence_of
-from . import archive, measure, report
+from . import archive, measure, renewal, report
 from .methods import ENCODED, OTHERS, SHOWN, M, methods
 from .scenes import SCENES, TRIANGLES
 
@@ -186,8 +186,8 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--page] [--since FILE]
-        [--out FOLDER]``; see `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--frames M ...] [--pixels N] [--anew] [--docs] [--page]
+        [--since FILE] [--out FOLDER]``; see `parser`.
 
     Returns
     -------
@@ -219,9 +219,21 @@ def run(*arguments):
         _check(name, methods(chart.hologram), "method")
     if options.since:
         report.earlier(options.since)  # it is told before hours of work that there is none
+    command, start = " ".join(("python -m benchmarks chart", *arguments)), time.perf_counter()
+
+    def made_now():
+        return report.Made.now(command, time.perf_counter() - start, measure.ROOT)
+
+    if options.frames:
+        if not options.docs:
+            raise engine.InvalidInput("--frames renews what is published: give it with --docs.")
+        renewal.renew(chart, scenes, names, options.frames, lambda *work: measured_tasks(*work)[0], made_now)
+        tables, faults = report.write(chart, [], made_now(), True, options.since)
+        if faults:
+            raise Incomplete(tables, faults)
+        return tables
     records, seconds = measured(chart, scenes, names, options.anew)
-    command = " ".join(("python -m benchmarks chart", *arguments))
-    made = report.Made.now(command, seconds, measure.ROOT)
+    made = made_now()
     tables, faults = report.write(chart, records, made, options.docs, options.since)
     if faults:
         raise Incomplete(tables, faults)
@@ -257,6 +269,14 @@ def parser():
         help=f"of {', '.join(SCENES)}, {archive.TRIANGLES}; default: all",
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
+    parser.add_argument(
+        "--frames",
+        nargs="+",
+        type=int,
+        metavar="M",
+        help="with --docs: measure only records of so many frames anew, of scenes that are published, in the seconds "
+        "of their machine",
+    )
     parser.add_argument("--pixels", type=int, default=PIXELS, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument(
@@ -291,13 +311,18 @@ def measured(chart, scenes, names, anew=False, tell=None):
     tell : callable, optional
         ``tell(line)``; default: to the error output.
     """
-    tell = tell or (lambda line: print(line, file=sys.stderr, flush=True))
-    start, known = time.perf_counter(), methods(chart.hologram)
     tasks = chart.tasks(scenes, names)
     if anew:
         for task in tasks:
             for record in task.records:
                 measure.record_path(task, *record).unlink(missing_ok=True)
+    return measured_tasks(chart, tasks, tell)
+
+
+def measured_tasks(chart, tasks, tell=None):
+    """Records of tasks, and the seconds that it took; see `measured`."""
+    tell = tell or (lambda line: print(line, file=sys.stderr, flush=True))
+    start, known = time.perf_counter(), methods(chart.hologram)
     reasons = {}  # why records are missing, by scene and method
     for task in tasks:
         key, reference = (task.scene, task.method), reasons.get((task.scene, "reference"))

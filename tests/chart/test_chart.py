@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.chart import archive, measure, report, run
+from benchmarks.chart import archive, measure, renewal, report, run
 from benchmarks.chart.methods import Method
 from holopath_addon import engine
 from tests.patience import NEVER
@@ -98,13 +98,13 @@ def test_what_takes_too_long_is_given_up(backend, tiny):
 
 
 def test_what_is_more_work_than_what_was_given_up_is_not_tried(tiny, monkeypatch):
-    """More frames of the same effort or a larger one; eight frames have more seconds than others."""
+    """More frames of the same effort or a larger one."""
     tried = []
 
-    def measured(task, method, effort, frames, scene, camera, hologram, truth, limit):
+    def measured(task, method, effort, frames, scene, camera, hologram, truth):
         tried.append((effort, frames))
         return (
-            {"failed": f"over {limit:g} s"}
+            {"failed": f"over {task.limit:g} s"}
             if effort == "balanced"
             else {"seconds": 1.0, "psnr": None, "peak_bytes": 1}
         )
@@ -120,9 +120,9 @@ def test_what_is_more_work_than_what_was_given_up_is_not_tried(tiny, monkeypatch
     ]
     task = replace(tiny, limit=150.0).task("hills 200", "focal-stack", records)
     measure.run(task, lambda line: None)
-    assert tried == [("preview", 1), ("preview", 8), ("balanced", 1), ("balanced", 8)]
-    assert measure.kept(task, "balanced", 3)["failed"] == "over 100 s"
-    assert measure.kept(task, "high", 24)["failed"] == "over 100 s"
+    assert tried == [("preview", 1), ("preview", 8), ("balanced", 1)]
+    assert measure.kept(task, "balanced", 3)["failed"] == "over 150 s"
+    assert measure.kept(task, "high", 24)["failed"] == "over 150 s"
 
 
 def test_the_whole_chart_has_few_and_many_frames_of_the_best_rivals():
@@ -325,6 +325,50 @@ def test_scenes_are_published_one_by_one(tiny, tmp_path, monkeypatch):
     assert (before["psnr"], now["psnr"], now["seconds"]) == (20.0, 21.0, 0.333333)
     assert "21.00" in page and "20.00" in page and "22.00" not in page
     assert publish([], "2026-01-03") == page  # as of --page, which measures nothing
+
+
+def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_path, monkeypatch):
+    """This machine takes twice as long; what has a limit of seconds stays, as does what failed."""
+    monkeypatch.setattr(archive, "FOLDER", tmp_path)
+    chart, names = run.full(), ("rgbd", "rgbd-sgd", "auto")
+    timed, renewed = renewal.tasks_of(chart, "tea", names, (1, 3))
+    assert {(task.method, *record) for task in renewed for record in task.records} == {
+        *(("rgbd", effort, m) for effort in ("phases", "dpac") for m in (1, 3)),
+        *(("rgbd-sgd", "preview", m) for m in (1, 3)),
+        *(("auto", "balanced, encoded", m) for m in (1, 3)),
+    }
+
+    def records(tasks, seconds, psnr):
+        heads = [(task.method, *record) for task in tasks for record in task.records]
+        figures = {"scene": "tea", "seconds": seconds, "psnr": psnr, "stages": {"Planning": seconds}}
+        return [{"method": name, "effort": effort, "frames": m} | figures for name, effort, m in heads]
+
+    made, later = (report.Made(name, "2026-01-01", "abc", "a command", 1.0) for name in ("fast", "slow"))
+    archive.save(archive.parts_of(records([*timed, *renewed], 3.0, 20.0), made, {}), tmp_path)
+    limits, failed = [], {"method": "auto", "effort": "balanced, encoded", "frames": 1, "scene": "tea"}
+
+    def do(chart, tasks):
+        limits.append(tasks[-1].limit)
+        done = records(tasks, 6.0, 21.0)
+        return [r | {"failed": "no light"} if failed.items() <= r.items() else r for r in done]
+
+    for _ in range(2):  # a second time replaces the first
+        renewal.renew(chart, ["tea"], names, (1, 3), do, lambda: later)
+        part = archive.load(["tea"], tmp_path)["tea"]
+        by = {(r["method"], r["effort"], r["frames"]): (r["seconds"], r["psnr"]) for r in part["records"]}
+        assert by["rgbd", "balanced", 8] == (3.0, 20.0)  # which only tells how fast the machine is
+        assert by["auto", "balanced, encoded", 3] == (3.0, 21.0)
+        assert by["auto", "balanced, encoded", 1] == (3.0, 20.0)
+        assert limits[-1] == 2 * chart.limit
+        [run_of] = part["renewals"]
+        assert (part["made"]["machine"], run_of["machine"]) == ("fast", "slow")
+        assert (run_of["slower"], run_of["frames"], run_of["count"]) == (2.0, [1, 3], 7)
+    table = report._made_table({"tea": part["made"]}, {"tea": part["renewals"]})
+    assert "tea (7 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
+    with pytest.raises(
+        engine.InvalidInput, match="^The scene room is not published in .*, without --frames.$"
+    ):
+        renewal.renew(chart, ["room"], names, (1, 3), do, lambda: later)
 
 
 def test_the_quick_chart_is_not_published():

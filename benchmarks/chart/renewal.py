@@ -1,0 +1,114 @@
+"""Renewal of records of some numbers of frames in what is published, on any machine.
+
+A chart takes hours, and machines differ by a factor of three. So a published scene can be renewed in part: this machine
+measures again what that of the scene has measured, records of code that hardly changes, and its seconds are divided by
+how much slower it is. What a limit of seconds decides stays as it is, for it would be other work on another machine.
+"""
+
+import statistics
+from dataclasses import asdict, replace
+
+from holopath_addon import engine
+
+from . import archive, measure
+from .methods import SHOWN, M, methods
+
+# Of what is timed on both machines: renders, transforms and descents, some 30 s.
+TIMED = {"rgbd": ("balanced", SHOWN), "rgbd-sgd": ("preview",)}
+
+
+def tasks_of(chart, scene, names, frames):
+    """Tasks of a scene that tell how fast this machine is, and those of records of some numbers of frames.
+
+    Parameters
+    ----------
+    chart : run.Chart
+    scene : str
+    names : sequence of str
+        Of methods.
+    frames : sequence of int
+
+    Returns
+    -------
+    (list of measure.Task, list of measure.Task)
+    """
+    known = methods(chart.hologram)
+    timed = [chart.task(scene, name, [(e, M) for e in efforts]) for name, efforts in TIMED.items()]
+    renewed = []
+    for name in names:
+        records = [
+            (effort, m)
+            for effort, m in chart.records(scene, known[name])
+            if m in frames and "seconds" not in (known[name].encoding(effort) or ())
+        ]
+        if records:
+            renewed.append(chart.task(scene, name, records))
+    return timed, renewed
+
+
+def renew(chart, scenes, names, frames, do, made):
+    """Measure records of some numbers of frames anew, and publish them among those of their scenes.
+
+    Parameters
+    ----------
+    chart : run.Chart
+    scenes, names : sequence of str
+        Of scenes and methods.
+    frames : sequence of int
+    do : callable
+        ``do(chart, tasks)`` measures tasks that are not done, and returns their records.
+    made : callable
+        ``made()`` is the `report.Made` of now.
+
+    Raises
+    ------
+    InvalidInput
+        If a scene is not published.
+    """
+    published = archive.load(scenes, archive.FOLDER)
+    for scene in scenes:
+        if scene not in published:
+            raise engine.InvalidInput(
+                f"The scene {scene} is not published in {archive.FOLDER}: measure all of it, without --frames."
+            )
+        timed, renewed = tasks_of(chart, scene, names, frames)
+        for task in timed:
+            for record in task.records:
+                measure.record_path(task, *record).unlink(missing_ok=True)
+        reference = chart.task(scene, "reference", [])
+        slower = slower_than(published[scene]["records"], do(chart, [reference, *timed]))
+        limit = chart.limit * slower
+        records = do(chart, [replace(task, limit=limit) for task in renewed])
+        archive.save({scene: merged(published[scene], records, asdict(made()), slower)}, archive.FOLDER)
+
+
+def slower_than(before, now):
+    """Median of the ratios of seconds, of records now and of those of the same key before."""
+    seconds = {_key(record): record.get("seconds") for record in before}
+    ratios = [r["seconds"] / seconds[_key(r)] for r in now if "failed" not in r and seconds.get(_key(r))]
+    if not ratios:
+        raise engine.InvalidInput(
+            "No record was measured on both machines, so that seconds cannot be compared."
+        )
+    return statistics.median(ratios)
+
+
+def merged(part, records, made, slower):
+    """A part of the archive with `records` in place of those before, in its machine's seconds."""
+    renewed = {}
+    for record in records:
+        if measure.is_fault(record):
+            continue
+        if "failed" not in record:
+            stages = {name: seconds / slower for name, seconds in record["stages"].items()}
+            record = record | {"seconds": record["seconds"] / slower, "stages": stages}
+        renewed[_key(record)] = record
+    kept = [record for record in part["records"] if _key(record) not in renewed]
+    frames = sorted({key[-1] for key in renewed})
+    run_of = made | {"slower": slower, "frames": frames, "count": len(renewed)}
+    earlier = [run for run in part.get("renewals", ()) if not set(run["frames"]) <= set(frames)]
+    return part | {"records": [*kept, *renewed.values()], "renewals": [*earlier, run_of]}
+
+
+def _key(record):
+    return record["method"], record["effort"], record["frames"]
