@@ -9,6 +9,7 @@ import scipy.fft
 
 from holopath_addon import engine
 from holopath_addon.engine.encoding import views
+from holopath_addon.engine.encoding.options import eyebox_for
 from holopath_addon.engine.waves.phase_fields import randomness_for
 from holopath_addon.engine.waves.propagation import FreeSpace
 from holopath_addon.workflow import pipeline
@@ -85,7 +86,8 @@ class Subject:
 
     def refined(self, field, kinds=None, **options):
         """The light of phases, by some `ViewKind` or those that so many frames have."""
-        options |= {"randomness": randomness_for(len(field.data))}
+        frames = len(field.data)
+        options |= {"randomness": randomness_for(frames, eyebox_for(frames))}
         with mock.patch.object(
             views, "kinds_for", views.kinds_for if kinds is None else lambda eyebox: kinds
         ):

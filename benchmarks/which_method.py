@@ -69,6 +69,9 @@ DISPLAYS = {
         "focal-stack",
     ),
     "eight": Display("480 Hz", 8, 8, "--encode auto", {"method": "auto"}),
+    "middle": Display(
+        "480 Hz, an eye in the middle", 8, 8, "--encode auto --eyebox 0", {"method": "auto", "eyebox": 0.0}
+    ),
     "levels": Display("480 Hz, 16 levels", 8, 4, "--encode auto --bits 4", {"method": "auto"}),
     "many": Display("1440 Hz", 24, 8, "--encode auto", {"method": "auto"}),
     "binary": Display("1440 Hz, two levels", 24, 1, "--encode auto --bits 1", {"method": "auto"}),

@@ -76,7 +76,7 @@ def phases_for(
     randomness = job.settings.randomness
     few = whole and (frames < FEW_FRAMES or randomness is not None)
     if randomness is None:
-        randomness = randomness_for(frames) or 0.0
+        randomness = randomness_for(frames, eyebox=0.0)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
     rate, memory = (_few_rate(randomness), FEW_MEMORY) if few else (RATE, MEMORY)
 

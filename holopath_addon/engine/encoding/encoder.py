@@ -43,6 +43,9 @@ DARK = 1e-6  # fraction of the brightest wavelength's amplitude, up to which a w
 FIRST_STAGE_END, NO_FRAMES_END = 0.1, 0.6
 EXTRA_FRAMES_END = SHARES["refine"]["extra frames"]
 MIN_STEPS = 10  # steps of all frames together, at which evaluating all views pays off
+# Extra frames that are added at once within given seconds. Eight steps towards four of them show more than four steps
+# towards 24 (docs/measurements.md, Seconds of encoding).
+FRAMES_AT_ONCE = 4
 
 
 @accepts_former_names
@@ -433,12 +436,16 @@ class _Refine(_Joint):
 
         with self._stage("extra frames") as stage, suppress(_TimeUp):
             for colors, fields in self._options.extra_frames(on_progress):
-                for place, color in enumerate(colors):
-                    if color in channels:
-                        counts[color] += fields.shape[0]
-                        waves = arrays.like(fields[:, place, ...], self._field.data)
-                        targets[color].add(channels[color].compared(waves))
-                check_clock()
+                count = fields.shape[0]
+                at_once = count if self._options.seconds is None else FRAMES_AT_ONCE
+                for first in range(0, count, at_once):
+                    group = fields[first : first + at_once, ...]
+                    for place, color in enumerate(colors):
+                        if color in channels:
+                            counts[color] += group.shape[0]
+                            waves = arrays.like(group[:, place, ...], self._field.data)
+                            targets[color].add(channels[color].compared(waves))
+                    check_clock()
         stage["frames"] = min(counts.values())
         return targets
 

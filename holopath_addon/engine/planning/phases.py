@@ -140,12 +140,12 @@ def plan_encoding(
     if choice is not None:
         return replace(choice, memory_bytes=plan.phases_memory.get("refine", 0.0))
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
-    choice = _choose(plan, method, seconds, co_traced, eyebox)
-    choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
     randomness = _randomness(plan, eyebox)
+    choice = _choose(plan, method, seconds, co_traced, eyebox, randomness)
+    choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
     if choice.method != "refine" or randomness is None:
         return choice
-    reason = f"{choice.reason}; {_few_frames_reason(frames, randomness, eyebox)}"
+    reason = f"{choice.reason}; {_start_reason(frames, randomness, eyebox)}"
     return replace(choice, randomness=randomness, reason=reason)
 
 
@@ -212,7 +212,8 @@ def co_traced_of(count: int, plan: Plan, hologram: Hologram) -> int:
     -------
     int
     """
-    return count if _randomness(plan) is not None and _fit(count, hologram) else SETS[-1]
+    is_smooth = _randomness(plan, eyebox_for(plan.settings.frames)) is not None
+    return count if is_smooth and _fit(count, hologram) else SETS[-1]
 
 
 def _fit(frames, hologram):
@@ -237,12 +238,12 @@ def _short_descent(plan, method, seconds, co_traced):
         return None
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
-    randomness = randomness_for(DESIGNED_STARTS - 1)
+    randomness = randomness_for(settings.frames, eyebox=0.0)
     return EncodingPlan("refine", frames, 0, seconds, reason, better, randomness=randomness, eyebox=0.0)
 
 
-def _choose(plan, method, seconds, co_traced, eyebox):
-    """`EncodingPlan` for an eyebox, without memory, randomness and eyebox."""
+def _choose(plan, method, seconds, co_traced, eyebox, randomness):
+    """`EncodingPlan` for an eyebox and a randomness of the start, without these and without memory."""
     settings = plan.settings
     if method not in ("auto", "refine"):
         return EncodingPlan(method, 0, 0, _limited(plan.phases.get(method, 0.0), seconds), "as asked")
@@ -254,12 +255,14 @@ def _choose(plan, method, seconds, co_traced, eyebox):
             )
         reason = "other people's methods have no extra frames to go towards"
         return EncodingPlan("joint" if settings.frames > 1 else "sgd", 0, 0, seconds or 0.0, reason)
-    if method == "auto" and settings.frames == 1 and _randomness(plan) is None:
+    if method == "auto" and settings.frames == 1 and randomness is None:
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
+    if settings.frames >= DESIGNED_STARTS and not eyebox:
+        costs = costs.of_whole_pupil
     if seconds is None:
-        return _choose_unlimited(plan, method, costs, eyebox)
+        return _choose_unlimited(plan, method, costs, eyebox, randomness)
     return _choose_within(plan, method, seconds, costs)
 
 
@@ -280,7 +283,7 @@ def _choose_within(plan, method, seconds, costs):
     return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better)
 
 
-def _choose_unlimited(plan, method, costs, eyebox):
+def _choose_unlimited(plan, method, costs, eyebox, randomness):
     """Choose without a time limit: `refine`, the same on all machines."""
     full = method == "refine" or plan.settings.method == "full"
     extra_frames, steps = FULL_EFFORT if full else DEFAULT_EFFORT
@@ -291,13 +294,13 @@ def _choose_unlimited(plan, method, costs, eyebox):
     reason = (
         "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"
     )
-    enough = full or _randomness(plan) is not None
+    enough = full or randomness is not None
     better = None if enough else _rounded_up(costs.effort_limit_seconds(*FULL_EFFORT))
     seconds = costs.refine_seconds(extra_frames, steps)
     return EncodingPlan("refine", extra_frames, steps, seconds, reason, better)
 
 
-def _randomness(plan, eyebox=0.0):
+def _randomness(plan, eyebox):
     """Randomness of the phases that a descent begins with; None for the field's phases."""
     settings = plan.requested
     if settings.randomness is not None:
@@ -307,11 +310,13 @@ def _randomness(plan, eyebox=0.0):
     return randomness_for(plan.settings.frames, eyebox)
 
 
-def _few_frames_reason(frames, randomness, eyebox):
-    """Reason for randomness and eyebox of few frames, in words."""
+def _start_reason(frames, randomness, eyebox):
+    """Reason for the randomness of the start, in words."""
+    if frames >= DESIGNED_STARTS and not eyebox:
+        return f"for the pupil as a whole phases that begin with randomness {randomness:g} show least grain"
     average = "one frame averages" if frames == 1 else f"{frames} frames average"
-    pupil = f"and {eyebox:.2g} of its parts" if eyebox else "as a whole"
-    return f"{average} little speckle, so that phases begin with randomness {randomness:g} and the pupil counts {pupil}"
+    pupil = f"counts in parts, too, with a weight of {eyebox:.2g}" if eyebox else "counts as a whole"
+    return f"{average} little speckle, so that phases begin with randomness {randomness:g}; the pupil {pupil}"
 
 
 @dataclass(frozen=True)

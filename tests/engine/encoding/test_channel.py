@@ -10,7 +10,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.engine.encoding import channel, descent, encoder
 from holopath_addon.engine.encoding.double_phase import MIN_SPREAD, even_double_phase
-from holopath_addon.engine.encoding.views import ViewedVolume
+from holopath_addon.engine.encoding.views import ViewedVolume, ViewTargets
 from holopath_addon.engine.waves.propagation import circular_band, propagate, transfer_function
 from holopath_addon.workflow import pipeline
 from holopath_addon.workflow.request import Encoding
@@ -273,6 +273,26 @@ def test_frames_that_are_not_there_in_time_are_done_without(clock):
     sgd, traced, refined = phase.report["stages"]
     assert traced["frames"] == 0 and 0.4 < traced["seconds"] < 1.4 and refined["steps"] >= encoder.MIN_STEPS
     assert refined["psnr_db"] > sgd["psnr_db"] + 2
+
+
+def test_frames_that_came_together_leave_time_for_steps(clock, monkeypatch):
+    """Adding all 24 of them takes 90 % of the seconds; without a limit all count, at once."""
+    add, counts = ViewTargets.add, []
+
+    def slow(self, fields):
+        counts.append(len(fields))
+        for _ in range(20 * len(fields)):
+            clock.perf_counter()
+        add(self, fields)
+
+    monkeypatch.setattr(ViewTargets, "add", slow)
+    field, more = wave_field(smooth(2, shape=(32, 32))), many(smooth(24, 1, (32, 32)), 24)
+    phase = engine.encode(field, "refine", extra_frames=more, randomness=0.1, eyebox=0, seconds=1.07)
+    traced, refined = phase.report["stages"]
+    assert traced["frames"] == sum(counts) < 16 and traced["seconds"] < 0.6 and refined["steps"] > 100
+    counts.clear()
+    engine.encode(field, "refine", extra_frames=more, randomness=0.1, eyebox=0, max_steps=1)
+    assert counts == [24]
 
 
 @pytest.mark.parametrize("bits", [None, pytest.param(2, marks=pytest.mark.slow)])

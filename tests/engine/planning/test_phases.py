@@ -140,11 +140,24 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert [chosen(frames=frames, eyebox=1.0).steps for frames in (1, 3, 7, 8)] == [200, 200, 200, 100]
     assert "randomness 0 " in found[1].reason and "as a whole" in found[1].reason
     wide = engine.plan_encoding(planned(traversals=1, frames=1, randomness=0.2), eyebox=0.5)
-    assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "0.5 of its parts" in wide.reason
+    assert (wide.randomness, wide.eyebox) == (
+        0.2,
+        0.5,
+    ) and "in parts, too, with a weight of 0.5" in wide.reason
     parts = engine.plan_encoding(planned(traversals=1, frames=3), eyebox=1.0)
     assert parts.randomness == 1  # parts of the pupil see what random phases send there
     assert chosen(frames=1, seconds=0.5).randomness is None  # for there is no time for more frames
     assert chosen(frames=2, phase_field="designed").randomness is None
+
+
+def test_many_frames_for_the_whole_pupil_alone_begin_as_few_do():
+    """Only if that is asked for, and no phase field is; the extra frames that a render traces are as many as before."""
+    found = chosen(frames=8, eyebox=0.0)
+    assert (found.method, found.randomness, found.eyebox, found.steps) == ("refine", 0.1, 0, 100)
+    assert "the pupil as a whole" in found.reason and found.seconds < chosen(frames=8).seconds
+    assert chosen(frames=24, eyebox=0.0).randomness == 0.1 and chosen(frames=8, eyebox=0.1).randomness is None
+    assert chosen(frames=8, eyebox=0.0, phase_field="designed").randomness is None
+    assert chosen(frames=8, eyebox=0.0, seconds=30).randomness == 0.1
 
 
 def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():

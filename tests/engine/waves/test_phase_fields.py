@@ -132,8 +132,10 @@ def test_smooth_fields_end_in_random_ones():
     one, other = phasors_of("smooth", 2, 32, 48, 5, 1.0), phasors_of("random", 2, 32, 48, 5)
     np.testing.assert_array_equal(one, other)
     assert (phasors_of("smooth", 2, 32, 48, 5, 0.0) == 1).all()
-    degrees = [randomness_for(frames) for frames in range(1, DESIGNED_STARTS)]
-    assert degrees == sorted(degrees) and degrees[0] == 0 and randomness_for(DESIGNED_STARTS) is None
+    degrees = [randomness_for(frames, 0.0) for frames in range(1, DESIGNED_STARTS)]
+    assert degrees == sorted(degrees) and degrees[0] == 0
+    assert randomness_for(DESIGNED_STARTS, 0.0) == degrees[-1]  # for the pupil as a whole
+    assert randomness_for(DESIGNED_STARTS, 0.1) is None
     assert [randomness_for(3, eyebox) for eyebox in (0, 0.15, 0.3, 1)] == pytest.approx([0.1, 0.55, 1, 1])
 
 

@@ -73,7 +73,7 @@ def phasors_of(
     return random_phasors(frames, height, width, seed, 1.0 if randomness is None else randomness)
 
 
-def randomness_for(frames: int, eyebox: float = 0.0) -> float | None:
+def randomness_for(frames: int, eyebox: float) -> float | None:
     """Best randomness of the start of a descent; the optimum is flat.
 
     It rises with the weight of parts of the pupil, as phases must send light there.
@@ -88,9 +88,10 @@ def randomness_for(frames: int, eyebox: float = 0.0) -> float | None:
     Returns
     -------
     float or None
-        Randomness from 0 to 1; None from `DESIGNED_STARTS` frames, where a field of designed phases is the best start.
+        Randomness from 0 to 1; None from `DESIGNED_STARTS` frames, where a field of designed phases is the best start,
+        unless the pupil counts as a whole alone.
     """
-    if frames >= DESIGNED_STARTS:
+    if frames >= DESIGNED_STARTS and eyebox:
         return None
     best = BEST_RANDOMNESS[min(frames, len(BEST_RANDOMNESS)) - 1]
     return best if frames >= FEW_FRAMES else best + (1 - best) * min(1.0, eyebox / RANDOM_EYEBOX)
@@ -184,9 +185,9 @@ def aimed_waves(
 
     Light of smooth phases meets the pupil in one point, and other parts of it are dark. The waves of few frames meet a
     ring around its center: out of focus, images then have several points of a blur, and every part of the pupil has
-    light of some frame. The ring shrinks from `MIN_AIMED_FRAMES` frames on,
-    to a point at `DESIGNED_STARTS`. From these on only short descents begin so, and it is as wide as at first. Waves of
-    one and of two frames meet the center.
+    light of some frame. The ring shrinks from `MIN_AIMED_FRAMES` frames on, to a point at `DESIGNED_STARTS`. From these
+    on only phases for the pupil as a whole begin so, and it is as wide as at first. Waves of one and of two frames meet
+    the center.
 
     Parameters
     ----------
