@@ -176,7 +176,8 @@ class Bench:
             options["max_steps"] = steps
             settings = replace(settings, fixed={"steps": steps})
         plan = engine.plan(*self._view, settings)
-        extra_frames = engine.extra_frame_count(plan, self._view[2], encoding.method, encoding.seconds)
+        asked = encoding.method, encoding.seconds, encoding.eyebox
+        extra_frames = engine.extra_frame_count(plan, self._view[2], *asked)
         field = engine.render(*self._view, settings, plan, extra_frames=extra_frames)
         phases = pipeline.encode(field, encoding, lambda *_: None, self._view[0], settings, **options)
         return phases.field(engine.Modulator(bits=display.bits))

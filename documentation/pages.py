@@ -111,7 +111,11 @@ def chart_table() -> str:
 
 
 def _chart_made(text):
-    """Days and commits of the chart's records, and its scenes, in a sentence."""
+    """Days and commits of the chart's records, and its scenes, in a sentence.
+
+    Records that were renewed later are of few frames, and not in that table.
+    """
+    text = "\n".join(line for line in text.splitlines() if "seconds divided by" not in line)
     made = dict.fromkeys(re.findall(r"(\d{4}-\d\d-\d\d)(?:, commit | \| )([0-9a-f]{7,})", text))
     scenes = re.findall(r"(?m)^\*\*(\w+)\*\*, ", text)
     days = " and ".join(f"{day} (commit {commit})" for day, commit in made)

@@ -75,7 +75,7 @@ def _demo(*focus: str) -> Picture:
 
 CUBE = "out/pictures/cube.blend"
 SCENES = re.findall(r"\(images/chart-closeups-(\w+)\.jpg\)", (ROOT / "docs" / "chart.md").read_text("utf-8"))
-DISPLAYS = ("look", "one", "soon", "three", "eyebox", "stack", "eight", "levels", "many", "binary")
+DISPLAYS = ("look", "one", "soon", "three", "eyebox", "stack", "eight", "middle", "levels", "many", "binary")
 FEATURES = (
     '"textured Transmission" Bump "Normal Map" Noise Voronoi Checker Brick "Wave Texture, Generated" random'
 )

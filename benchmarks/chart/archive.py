@@ -1,7 +1,8 @@
 """Published records: a JSON file for each scene, from all of which docs/chart.md is written.
 
 The whole chart takes longer than one sitting on a slow machine. Methods are compared at equal seconds within a scene,
-so each scene is measured whole on one machine, which its file names.
+so each scene is measured whole on one machine, which its file names. Records that were renewed on another one
+(`renewal`) are in its seconds.
 """
 
 import json

@@ -13,6 +13,7 @@ from holopath_addon import engine
 from . import archive, measure
 from .methods import SHOWN, M, methods
 
+INTERRUPTED = "interrupted"  # reason of what was not measured because somebody stopped the chart
 # Of what is timed on both machines: renders, transforms and descents, some 30 s.
 TIMED = {"rgbd": ("balanced", SHOWN), "rgbd-sgd": ("preview",)}
 
@@ -60,17 +61,27 @@ def renew(chart, scenes, names, frames, do, made):
     made : callable
         ``made()`` is the `report.Made` of now.
 
+    Returns
+    -------
+    list of str
+        What failed, a sentence each; what was published of it stays.
+
     Raises
     ------
     InvalidInput
-        If a scene is not published.
+        If a scene is not published, or there is nothing to renew.
     """
-    published = archive.load(scenes, archive.FOLDER)
+    published, faults = archive.load(scenes, archive.FOLDER), []
     for scene in scenes:
         if scene not in published:
             raise engine.InvalidInput(
                 f"The scene {scene} is not published in {archive.FOLDER}: measure all of it, without --frames."
             )
+    if not any(tasks_of(chart, scene, names, frames)[1] for scene in scenes):
+        raise engine.InvalidInput(
+            "No record has such a scene, method and number of frames: choose others for --frames."
+        )
+    for scene in scenes:
         timed, renewed = tasks_of(chart, scene, names, frames)
         for task in timed:
             for record in task.records:
@@ -79,7 +90,11 @@ def renew(chart, scenes, names, frames, do, made):
         slower = slower_than(published[scene]["records"], do(chart, [reference, *timed]))
         limit = chart.limit * slower
         records = do(chart, [replace(task, limit=limit) for task in renewed])
+        faults += [measure.line_of(record) for record in records if measure.is_fault(record)]
         archive.save({scene: merged(published[scene], records, asdict(made()), slower)}, archive.FOLDER)
+        if any(record.get("failed") == INTERRUPTED for record in records):
+            break
+    return faults
 
 
 def slower_than(before, now):
@@ -99,15 +114,22 @@ def merged(part, records, made, slower):
     for record in records:
         if measure.is_fault(record):
             continue
-        if "failed" not in record:
+        if "failed" in record:
+            seconds = float(record["failed"].removeprefix(measure.OVER).split()[0])
+            record = record | {"failed": f"{measure.OVER}{seconds / slower:g} s"}
+        else:
             stages = {name: seconds / slower for name, seconds in record["stages"].items()}
             record = record | {"seconds": record["seconds"] / slower, "stages": stages}
         renewed[_key(record)] = record
     kept = [record for record in part["records"] if _key(record) not in renewed]
-    frames = sorted({key[-1] for key in renewed})
-    run_of = made | {"slower": slower, "frames": frames, "count": len(renewed)}
-    earlier = [run for run in part.get("renewals", ()) if not set(run["frames"]) <= set(frames)]
-    return part | {"records": [*kept, *renewed.values()], "renewals": [*earlier, run_of]}
+    keys = [list(key) for key in renewed]
+    earlier = [
+        run | {"records": [key for key in run["records"] if key not in keys]}
+        for run in part.get("renewals", ())
+    ]
+    runs = [*earlier, made | {"slower": slower, "records": keys}]
+    runs = [run for run in runs if run["records"]]
+    return part | {"records": [*kept, *renewed.values()], "renewals": runs}
 
 
 def _key(record):

@@ -53,11 +53,11 @@ cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks cha
 build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped goes on where it
 was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
 records, and this page is written from all that is published; `python -m benchmarks chart --page [--since FILE]` writes
-it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not. With
-`--docs --frames M ...` records of so many frames are measured anew on any machine, but those with a limit of seconds:
-it times other records again as well, and its seconds are divided by how much slower it is. A part that fails is named
-at the end of the page, with its reason, and measured again the next time. With `--since` the page lists what is lower
-than on an earlier page, or in its chart.json.
+it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not,
+unless the table below says so. `--docs --frames M ...` renews records of so many frames on any machine, but for those
+with a limit of seconds. That machine times some of the scene's other records as well, and seconds are divided by how
+much slower it is. A part that fails is named at the end of the page, with its reason, and measured again the next time.
+With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -481,9 +481,11 @@ def _made_table(made, renewals):
     for scene, later in renewals.items():
         for run_of in later:
             key = tuple(run_of[name] for name in ("machine", "date", "commit"))
-            frames = " and ".join(f"{m}" for m in run_of["frames"])
+            frames = " and ".join(map(str, sorted({m for *_, m in run_of["records"]})))
+            names = ", ".join(dict.fromkeys(name for name, *_ in run_of["records"]))
             runs.setdefault(key, []).append(
-                f"{scene} ({run_of['count']} records of {frames} frames, seconds divided by {run_of['slower']:.2f})"
+                f"{scene} ({names}: {len(run_of['records'])} records of {frames} frames, "
+                f"seconds divided by {run_of['slower']:.2f})"
             )
     return _rows(
         ["measured on", "date", "commit", "scenes"], [[*key, ", ".join(names)] for key, names in runs.items()]

@@ -227,10 +227,16 @@ def run(*arguments):
     if options.frames:
         if not options.docs:
             raise engine.InvalidInput("--frames renews what is published: give it with --docs.")
-        renewal.renew(chart, scenes, names, options.frames, lambda *work: measured_tasks(*work)[0], made_now)
-        tables, faults = report.write(chart, [], made_now(), True, options.since)
-        if faults:
-            raise Incomplete(tables, faults)
+        if options.pixels != PIXELS:
+            raise engine.InvalidInput("--frames renews holograms of the published size: leave out --pixels.")
+
+        def do(chart, tasks):
+            return measured_tasks(chart, tasks)[0]
+
+        faults = renewal.renew(chart, scenes, names, options.frames, do, made_now)
+        tables, others = report.write(chart, [], made_now(), True, options.since)
+        if faults or others:
+            raise Incomplete(tables, [*faults, *others])
         return tables
     records, seconds = measured(chart, scenes, names, options.anew)
     made = made_now()
@@ -331,14 +337,14 @@ def measured_tasks(chart, tasks, tell=None):
             tell(reason)
         elif reference:
             reason = f"no reference: {reference}"
-        elif "interrupted" in reasons.values():
-            reason = "interrupted"
+        elif renewal.INTERRUPTED in reasons.values():
+            reason = renewal.INTERRUPTED
         elif not measure.is_done(task):
             tell(f"{task.scene}: {task.method} ({time.perf_counter() - start:.0f} s so far)")
             try:
                 reason = _do(task, chart.apart)
             except KeyboardInterrupt:
-                reason = "interrupted"
+                reason = renewal.INTERRUPTED
         if reason:
             reasons[key] = reason
             tell(f"{task.scene}: {task.method}: {reason}")

@@ -248,8 +248,8 @@ def _plan(args):
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = axis = None
     if args.encode != "none":
-        extra_frames = engine.extra_frame_count(plan, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
+        extra_frames = engine.extra_frame_count(plan, hologram, args.encode, seconds, eyebox)
         encoding = engine.plan_encoding(plan, args.encode, seconds, extra_frames, eyebox)
         axis = engine.axis_decision(encoding.method, render_command.bits_of(args), hologram)
     if args.json:

@@ -379,7 +379,7 @@ def add_eyebox(parser):
         type=argument(_eyebox),
         metavar=EYEBOX.metavar,
         help="weight of parts of the pupil relative to the whole, from 0 to 1, in joint and refine (default: 0 for up "
-        "to six frames, 1 from eight on)",
+        "to six frames, 1 from eight on, in few seconds 0 for up to 15)",
     )
 
 

@@ -283,7 +283,9 @@ def compute(request, progress=None, rendered=None, offer=None):
     _check_view(plan, camera, hologram, depths, request.pupil)
     if rendered is None:
         encoding = request.encoding
-        extra_frames = engine.extra_frame_count(plan, hologram, encoding.method, encoding.seconds)
+        extra_frames = engine.extra_frame_count(
+            plan, hologram, encoding.method, encoding.seconds, encoding.eyebox
+        )
         if encoding.is_requested:  # refused now rather than after the render
             phases = engine.plan_encoding(
                 plan, encoding.method, encoding.seconds, extra_frames, encoding.eyebox

@@ -353,7 +353,7 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
         return [r | {"failed": "no light"} if failed.items() <= r.items() else r for r in done]
 
     for _ in range(2):  # a second time replaces the first
-        renewal.renew(chart, ["tea"], names, (1, 3), do, lambda: later)
+        faults = renewal.renew(chart, ["tea"], names, (1, 3), do, lambda: later)
         part = archive.load(["tea"], tmp_path)["tea"]
         by = {(r["method"], r["effort"], r["frames"]): (r["seconds"], r["psnr"]) for r in part["records"]}
         assert by["rgbd", "balanced", 8] == (3.0, 20.0)  # which only tells how fast the machine is
@@ -361,10 +361,16 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
         assert by["auto", "balanced, encoded", 1] == (3.0, 20.0)
         assert limits[-1] == 2 * chart.limit
         [run_of] = part["renewals"]
-        assert (part["made"]["machine"], run_of["machine"]) == ("fast", "slow")
-        assert (run_of["slower"], run_of["frames"], run_of["count"]) == (2.0, [1, 3], 7)
+        assert (part["made"]["machine"], run_of["machine"], run_of["slower"]) == ("fast", "slow", 2.0)
+        assert len(run_of["records"]) == 7 and failed["effort"] in faults[0] and "no light" in faults[0]
     table = report._made_table({"tea": part["made"]}, {"tea": part["renewals"]})
-    assert "tea (7 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
+    assert "tea (rgbd, rgbd-sgd, auto: 7 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
+    over = records(renewed[:1], 1.0, 1.0)[0] | {"failed": "over 200 s"}
+    part = renewal.merged(part, [over], {"machine": "third"}, 2.0)
+    assert [len(run_of["records"]) for run_of in part["renewals"]] == [6, 1]
+    assert part["records"][-1]["failed"] == "over 100 s"
+    with pytest.raises(engine.InvalidInput, match="^No record has such a scene, method and number of frames"):
+        renewal.renew(chart, ["tea"], names, (5,), do, lambda: later)
     with pytest.raises(
         engine.InvalidInput, match="^The scene room is not published in .*, without --frames.$"
     ):

@@ -44,7 +44,7 @@ FIRST_STAGE_END, NO_FRAMES_END = 0.1, 0.6
 EXTRA_FRAMES_END = SHARES["refine"]["extra frames"]
 MIN_STEPS = 10  # steps of all frames together, at which evaluating all views pays off
 # Extra frames that are added at once within given seconds. Eight steps towards four of them show more than four steps
-# towards 24 (docs/measurements.md, Seconds of encoding).
+# towards 24 (docs/measurements.md, Eight frames for the whole pupil).
 FRAMES_AT_ONCE = 4
 
 
@@ -81,8 +81,8 @@ def encode(
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame by itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths all over
         the volume and through parts of the pupil. ``refine``: the same towards the mean intensity of `extra_frames`.
-        ``auto``: `joint` if there are several frames, which starts with their `randomness_for` if they are few, else
-        `sgd`. If the seconds are too few for any extra frames, `refine` is `joint`.
+        ``auto``: `joint` if there are several frames, which starts with their `randomness_for` if they are few or the
+        eyebox is 0, else `sgd`. If the seconds are too few for any extra frames, `refine` is `joint`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`. The attribute `kept` of the `Cancelled`
         that `encode` then raises is the hologram so far.
@@ -360,7 +360,7 @@ class _Joint(_SingleFrames):
             return
         self._progress(begin, "Views of the field")
         options, (frames, *_) = self._options, self._field.data.shape
-        if options.randomness is None or targets.frames <= frames:
+        if options.randomness is None or not targets.frames:
             for group in _groups(self._phases, math.prod(targets.views.padded) * BYTES["views"]):
                 targets.add(channel.fields(group))
         self._correct_targets(targets)
@@ -437,7 +437,7 @@ class _Refine(_Joint):
         with self._stage("extra frames") as stage, suppress(_TimeUp):
             for colors, fields in self._options.extra_frames(on_progress):
                 count = fields.shape[0]
-                at_once = count if self._options.seconds is None else FRAMES_AT_ONCE
+                at_once = max(1, count) if self._options.seconds is None else FRAMES_AT_ONCE
                 for first in range(0, count, at_once):
                     group = fields[first : first + at_once, ...]
                     for place, color in enumerate(colors):

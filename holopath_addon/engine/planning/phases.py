@@ -145,7 +145,11 @@ def plan_encoding(
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
     if choice.method != "refine" or randomness is None:
         return choice
-    reason = f"{choice.reason}; {_start_reason(frames, randomness, eyebox)}"
+    if plan.requested.randomness is not None and frames >= DESIGNED_STARTS:
+        start = f"phases begin with randomness {randomness:g}, as asked"
+    else:
+        start = _start_reason(frames, randomness, eyebox)
+    reason = f"{choice.reason}; {start}"
     return replace(choice, randomness=randomness, reason=reason)
 
 
@@ -168,12 +172,14 @@ def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision
     return Decision("axis", "on axis", reason) if reason else None
 
 
-def extra_frame_count(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
+def extra_frame_count(
+    plan: Plan, hologram: Hologram, method: str, seconds: float | None = None, eyebox: float | None = None
+) -> int:
     """Number of extra frames to co-trace with a render for its encoding, as they share its paths.
 
     Parameters
     ----------
-    plan, method, seconds
+    plan, method, seconds, eyebox
         See `plan_encoding`; the method may also be ``none``.
     hologram : Hologram
 
@@ -191,7 +197,7 @@ def extra_frame_count(plan: Plan, hologram: Hologram, method: str, seconds: floa
         return 0
     if method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
-    choice = plan_encoding(plan, method, seconds, SETS[-1])
+    choice = plan_encoding(plan, method, seconds, SETS[-1], eyebox)
     if choice.method != "refine":
         return 0
     return co_traced_of(choice.frames, plan, hologram) if seconds is None else SETS[-1]
@@ -234,7 +240,10 @@ def _short_descent(plan, method, seconds, co_traced):
     frames = costs.first_frames
     if costs.limit_seconds(frames, SHORT_DESCENT_STEPS) <= seconds:
         return None
-    if costs.of_whole_pupil.limit_seconds(frames, MIN_SHORT_DESCENT_STEPS) > seconds:
+    if (
+        costs.of_whole_pupil(with_single_frames=False).limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
+        > seconds
+    ):
         return None
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
@@ -260,7 +269,7 @@ def _choose(plan, method, seconds, co_traced, eyebox, randomness):
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
     if settings.frames >= DESIGNED_STARTS and not eyebox:
-        costs = costs.of_whole_pupil
+        costs = costs.of_whole_pupil(with_single_frames=randomness is None)
     if seconds is None:
         return _choose_unlimited(plan, method, costs, eyebox, randomness)
     return _choose_within(plan, method, seconds, costs)
@@ -364,12 +373,13 @@ class _EncodingCosts:
                 return count
         return 0
 
-    @property
-    def of_whole_pupil(self) -> _EncodingCosts:
-        """Costs without parts of the pupil, and without frames by themselves."""
+    def of_whole_pupil(self, with_single_frames: bool) -> _EncodingCosts:
+        """Costs without parts of the pupil, and with or without frames by themselves."""
         looks = transforms(self.frames, 0.0) / transforms(self.frames, 1.0)
         steps = step_transforms(0.0) / step_transforms(1.0)
-        changed = {"sgd": 0.0, "look": looks * self.seconds["look"], "step": steps * self.seconds["step"]}
+        changed = {"look": looks * self.seconds["look"], "step": steps * self.seconds["step"]}
+        if not with_single_frames:
+            changed["sgd"] = 0.0
         return replace(self, seconds=self.seconds | changed)
 
     def extra_frames_seconds(self, count: int) -> float:

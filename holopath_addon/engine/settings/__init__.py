@@ -226,7 +226,8 @@ class Settings:
         "Randomness",
         "Randomness of smooth phase fields, from 0, in phase, to 1, random. More spreads light over the eyebox and has "
         "more speckle",
-        advice="automatic: 0 for fields; phases start with 0 for one frame and 0.1 for two to seven",
+        advice="automatic: 0 for fields; phases start with 0 for one frame and 0.1 for two to seven, and for more with "
+        "an eyebox of 0",
         bounds=(0.0, 1.0),
         initial=0.3,
         switch=Switch(
@@ -365,8 +366,8 @@ ENCODE_SECONDS = Declaration(
 EYEBOX = Declaration(
     "Eyebox",
     "Weight of parts of the pupil, besides the whole, in phases of all frames: with 1 the image holds as the eye "
-    "moves, with 0 it is best for an eye in the middle. Few frames cannot do both",
-    advice="automatic: 0 with up to six frames, 1 from eight on",
+    "moves, with 0 it is best for an eye in the middle, and parts of the pupil are dark. Few frames cannot do both",
+    advice="automatic: 0 with up to six frames, 1 from eight on; in few seconds 0 with up to 15",
     section="hologram",
     bounds=(0.0, 1.0),
     soft=(0.0, 1.0),

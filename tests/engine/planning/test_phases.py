@@ -138,7 +138,7 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert eyebox[:5] == [0] * 5 and 0 < eyebox[5] < eyebox[6] == 1  # no frame more shows much less
     assert [each.steps for each in found.values()] == [200] * 2 + [100] * 5
     assert [chosen(frames=frames, eyebox=1.0).steps for frames in (1, 3, 7, 8)] == [200, 200, 200, 100]
-    assert "randomness 0 " in found[1].reason and "as a whole" in found[1].reason
+    assert "randomness 0;" in found[1].reason and "as a whole" in found[1].reason
     wide = engine.plan_encoding(planned(traversals=1, frames=1, randomness=0.2), eyebox=0.5)
     assert (wide.randomness, wide.eyebox) == (
         0.2,
@@ -151,13 +151,20 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
 
 
 def test_many_frames_for_the_whole_pupil_alone_begin_as_few_do():
-    """Only if that is asked for, and no phase field is; the extra frames that a render traces are as many as before."""
+    """Only if that is asked for, and no phase field is; a render traces extra frames along, in few seconds, too."""
     found = chosen(frames=8, eyebox=0.0)
     assert (found.method, found.randomness, found.eyebox, found.steps) == ("refine", 0.1, 0, 100)
     assert "the pupil as a whole" in found.reason and found.seconds < chosen(frames=8).seconds
     assert chosen(frames=24, eyebox=0.0).randomness == 0.1 and chosen(frames=8, eyebox=0.1).randomness is None
     assert chosen(frames=8, eyebox=0.0, phase_field="designed").randomness is None
     assert chosen(frames=8, eyebox=0.0, seconds=30).randomness == 0.1
+    designed = chosen(frames=8, eyebox=0.0, phase_field="designed")
+    # whose frames are optimized one by one, too
+    assert found.seconds < designed.seconds < chosen(frames=8).seconds
+    assert "randomness 0.5, as asked" in chosen(frames=8, eyebox=0.0, randomness=0.5).reason
+    plan, hologram = planned(frames=24), engine.Hologram(256, 256, 8e-6)
+    counts = [engine.extra_frame_count(plan, hologram, "auto", 2.0, eyebox) for eyebox in (0.0, 1.0)]
+    assert counts == [24, 0]
 
 
 def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():
