@@ -87,14 +87,21 @@ def renew(chart, scenes, names, frames, do, made):
             for record in task.records:
                 measure.record_path(task, *record).unlink(missing_ok=True)
         reference = chart.task(scene, "reference", [])
-        slower = slower_than(published[scene]["records"], do(chart, [reference, *timed]))
+        now = do(chart, [reference, *timed])
+        if _is_interrupted(now):
+            break
+        slower = slower_than(published[scene]["records"], now)
         limit = chart.limit * slower
         records = do(chart, [replace(task, limit=limit) for task in renewed])
         faults += [measure.line_of(record) for record in records if measure.is_fault(record)]
         archive.save({scene: merged(published[scene], records, asdict(made()), slower)}, archive.FOLDER)
-        if any(record.get("failed") == INTERRUPTED for record in records):
+        if _is_interrupted(records):
             break
     return faults
+
+
+def _is_interrupted(records):
+    return any(record.get("failed") == INTERRUPTED for record in records)
 
 
 def slower_than(before, now):

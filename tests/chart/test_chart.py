@@ -369,6 +369,14 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
     part = renewal.merged(part, [over], {"machine": "third"}, 2.0)
     assert [len(run_of["records"]) for run_of in part["renewals"]] == [6, 1]
     assert part["records"][-1]["failed"] == "over 100 s"
+    stopped = []
+
+    def stop(chart, tasks):
+        stopped.append(tasks)
+        return [record | {"failed": renewal.INTERRUPTED} for record in records(tasks, 1.0, 1.0)]
+
+    renewal.renew(chart, ["tea", "tea"], names, (1, 3), stop, lambda: later)
+    assert len(stopped) == 1 and len(archive.load(["tea"], tmp_path)["tea"]["renewals"]) == 1
     with pytest.raises(engine.InvalidInput, match="^No record has such a scene, method and number of frames"):
         renewal.renew(chart, ["tea"], names, (5,), do, lambda: later)
     with pytest.raises(
