@@ -121,7 +121,7 @@ def encode(
     max_steps : int, optional
         Maximum number of steps of each stage and wavelength, without those in which `sgd` brings phases to few levels.
         Default: 1000 for `sgd`; for all frames together as many as the seconds allow, or else 100 for `joint` and 400
-        for `refine`.
+        for `refine`; for three to seven frames at most 100, unless the eyebox is larger than the default.
     seed : int
         Seed of the order of views, of the parts of the pupil, and of the random map.
 
@@ -365,7 +365,7 @@ class _Joint(_SingleFrames):
                 targets.add(channel.fields(group))
         self._correct_targets(targets)
         channel.leave_room_for(targets)
-        rate = descent.max_step(channel.randomness)
+        rate, max_steps = descent.max_step(channel.randomness), options.max_joint_steps(frames)
         groups = _groups(self._phases, math.prod(targets.views.padded) * BYTES["together"])
         stages_left, gains = len(groups) * (len(self._lit) - number), []
         shown = "All frames" if frames > 1 else "The frame"
@@ -378,7 +378,7 @@ class _Joint(_SingleFrames):
             with self._stage(options.method, channel) as stage, channel.optimized(group) as phases:
                 seconds = options.seconds and self._seconds_left() / (stages_left - place)
                 effort = descent.Effort(
-                    rate, channel.coarse_levels, options.max_joint_steps, seed=options.seed, seconds=seconds
+                    rate, channel.coarse_levels, max_steps, seed=options.seed, seconds=seconds
                 )
                 gains.append(descent.together(phases, targets, channel.gain, effort, on_progress, stage))
         channel.gain = float(np.mean(gains))

@@ -12,7 +12,7 @@ from ..errors import InvalidInput
 from ..settings.choices import ENCODINGS
 from ..waves import arrays
 from ..waves.modulator import Levels
-from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, randomness_for
+from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, MIN_AIMED_FRAMES, randomness_for
 from .phase_hologram import PhaseHologram
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ STARTS = ("arg", "dpac")
 JOINT_METHODS = ("joint", "refine")
 MAX_STEPS = 1000  # of a stage in one wavelength
 JOINT_STEPS = {"joint": 100, "refine": 400}  # in each wavelength, without a limit of seconds
+# Number of steps after which few frames, which begin with light all over the pupil, lose it in parts that hardly count:
+# 800 steps instead of 100 cost 5 dB in the mean of views (docs/measurements.md, Few frames).
+FEW_FRAMES_STEPS = 100
 
 
 def eyebox_for(frames: int) -> float:
@@ -38,6 +41,25 @@ def eyebox_for(frames: int) -> float:
     With three frames parts of the pupil gain nothing from any weight, and the whole pupil loses 2 dB (docs/theory.md).
     """
     return float(np.clip((frames - FEW_FRAMES) / (DESIGNED_STARTS - FEW_FRAMES), 0, 1)) ** 2
+
+
+def step_limit(frames: int, eyebox: float) -> int:
+    """Number of steps of all frames together, from which on more of them show less.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames.
+    eyebox : float
+        Weight of parts of the pupil, see `encode`.
+
+    Returns
+    -------
+    int
+        `MAX_STEPS` where more show more, or hardly less.
+    """
+    are_few = MIN_AIMED_FRAMES <= frames < DESIGNED_STARTS
+    return FEW_FRAMES_STEPS if are_few and eyebox <= eyebox_for(frames) else MAX_STEPS
 
 
 @dataclass(frozen=True)
@@ -88,10 +110,12 @@ class EncodingOptions:
         """Maximum number of steps of each frame by itself."""
         return MAX_STEPS if self.max_steps is None else self.max_steps
 
-    @property
-    def max_joint_steps(self) -> int:
-        """Maximum number of steps of all frames together, in each wavelength."""
-        return self.max_steps or (MAX_STEPS if self.seconds else JOINT_STEPS.get(self.method, MAX_STEPS))
+    def max_joint_steps(self, frames: int) -> int:
+        """Maximum number of steps of a number of frames together, in each wavelength; `resolve` was called before."""
+        if self.max_steps is not None:
+            return self.max_steps
+        usual = MAX_STEPS if self.seconds else JOINT_STEPS.get(self.method, MAX_STEPS)
+        return min(usual, step_limit(frames, self.eyebox or 0.0))
 
     def levels_at(self, color: int) -> Levels | None:
         """`Levels` of a wavelength by its index; None for any phase."""

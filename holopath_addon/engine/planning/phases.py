@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..encoding.axis import on_axis
 from ..encoding.encoder import EXTRA_FRAMES_END, FIRST_STAGE_END, NO_FRAMES_END
 from ..encoding.encoder import MIN_STEPS as WORTH
-from ..encoding.options import eyebox_for
+from ..encoding.options import MAX_STEPS, eyebox_for, step_limit
 from ..encoding.views import step_transforms, transforms
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 # Extra frames and steps of `refine` without a time limit: those that gain most, and all that gain anything.
 DEFAULT_EFFORT, FULL_EFFORT = (96, 100), (192, 400)
-# Steps for few frames where they gain most: up to two, whose halves of the pupil are dark anyway, and with a larger
-# eyebox than the default, whose phases begin random. Otherwise as many gain up to 0.6 dB through the whole pupil, and
-# the worst view loses 0.6 to 2 (docs/measurements.md, Few frames).
-FEW_FRAMES_STEPS, DARK_HALVES_FRAMES = 200, 2
+# Steps of the default for few frames that have no `step_limit`: up to two, whose halves of the pupil are dark anyway,
+# and with a larger eyebox than the default, whose phases begin random (docs/measurements.md, Few frames).
+FEW_FRAMES_STEPS = 200
 # With a time limit: the first extra frames, unless some were co-traced, and then whole sets, as many as fit.
 MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
@@ -296,9 +295,10 @@ def _choose_unlimited(plan, method, costs, eyebox, randomness):
     """Choose without a time limit: `refine`, the same on all machines."""
     full = method == "refine" or plan.settings.method == "full"
     extra_frames, steps = FULL_EFFORT if full else DEFAULT_EFFORT
-    more = costs.frames <= DARK_HALVES_FRAMES or eyebox > eyebox_for(costs.frames)
-    if not full and costs.frames < DESIGNED_STARTS and more:
+    limit = step_limit(costs.frames, eyebox)
+    if not full and costs.frames < DESIGNED_STARTS and limit == MAX_STEPS:
         steps = FEW_FRAMES_STEPS
+    steps = min(steps, limit)
     extra_frames = max(extra_frames, costs.co_traced)
     reason = (
         "as asked" if method == "refine" else "towards extra frames of the same light, for they show more"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.encoding import channel, descent, encoder
+from holopath_addon.engine.encoding import channel, descent, encoder, options
 from holopath_addon.engine.encoding.double_phase import MIN_SPREAD, even_double_phase
 from holopath_addon.engine.encoding.views import ViewedVolume, ViewTargets
 from holopath_addon.engine.waves.propagation import circular_band, propagate, transfer_function
@@ -329,6 +329,17 @@ def test_no_step_is_taken_that_is_not_worth_its_time():
     assert [stage["stage"] for stage in phase.report["stages"]] == ["sgd"] and phase.gains[0] > 0
 
 
+@pytest.mark.parametrize(
+    ("frames", "eyebox", "most"), [(3, None, 100), (7, None, 100), (3, 0.5, 150), (2, None, 150)]
+)
+def test_more_seconds_do_not_take_light_from_parts_of_the_pupil(frames, eyebox, most, monkeypatch):
+    """Three to seven frames light all of the pupil as they begin; after 100 steps it darkens where nobody looks."""
+    monkeypatch.setattr(options, "MAX_STEPS", 150)
+    field = wave_field(smooth(frames, shape=(16, 16)))
+    phase = engine.encode(field, "joint", randomness=0.1, eyebox=eyebox, seconds=60)
+    assert [stage["steps"] for stage in phase.report["stages"]] == [most]
+
+
 @pytest.mark.parametrize(("method", "bits"), [("sgd", None), ("sgd", 2), ("joint", None), ("joint", 2)])
 def test_other_descents_end_with_the_seconds(clock, method, bits):
     """They take fewer steps in each color."""
@@ -367,13 +378,13 @@ def test_refinement_that_is_stopped_keeps_its_best_round():
     def progress(done, message):
         if (done, message) not in reports[-1:]:
             reports.append((done, message))
-        if "All frames" in message and len(reports) > 200:
+        if sum("All frames" in each for _, each in reports) > 60:
             raise engine.Cancelled
 
     with pytest.raises(engine.Cancelled) as stop:
         engine.encode(field, "refine", progress, extra_frames=many(smooth(24, seed=1)))
     start, refined = stop.value.kept.report["stages"][0], stop.value.kept.report["stages"][-1]
-    assert stop.value.kept.report["stopped"] and 0 < refined["steps"] < 400
+    assert stop.value.kept.report["stopped"] and 60 <= refined["steps"] < 100
     assert refined["psnr_db"] > start["psnr_db"] + 2
     assert [done for done, _ in reports] == sorted(done for done, _ in reports)
 

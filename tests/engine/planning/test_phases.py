@@ -138,6 +138,9 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert eyebox[:5] == [0] * 5 and 0 < eyebox[5] < eyebox[6] == 1  # no frame more shows much less
     assert [each.steps for each in found.values()] == [200] * 2 + [100] * 5
     assert [chosen(frames=frames, eyebox=1.0).steps for frames in (1, 3, 7, 8)] == [200, 200, 200, 100]
+    # more steps would leave parts of the pupil dark, where there are enough frames to light them
+    assert [chosen("refine", frames=frames).steps for frames in (1, 3, 7, 8)] == [400, 100, 100, 400]
+    assert chosen("refine", frames=3, eyebox=1.0).steps == 400
     assert "randomness 0;" in found[1].reason and "as a whole" in found[1].reason
     wide = engine.plan_encoding(planned(traversals=1, frames=1, randomness=0.2), eyebox=0.5)
     assert (wide.randomness, wide.eyebox) == (
