@@ -160,7 +160,8 @@ def rendering():
     yield from sidebar(kind="IMAGE_EDITOR")
     yield from sidebar()
     yield from suzanne()
-    scene().holopath.frames = 24  # or the hologram is there too soon for a draft
+    props = scene().holopath
+    props.frames, props.quality = 24, "high"  # or the hologram is there too soon for a draft
     session = module("operators.session")
     press(api.ops.holopath.render_hologram)
     yield from until(lambda: session.current.draft and not session.is_refocusing(), "no draft is shown")

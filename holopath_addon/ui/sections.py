@@ -382,7 +382,7 @@ def _encoding(layout, context):
         wrapped(column, context, warning, icon="ERROR")
     reason = column.column(align=True)
     reason.active = False
-    wrapped(reason, context, plan.reason)
+    wrapped(reason, context, plan.reason[:1].upper() + plan.reason[1:])
     if plan.advice:
         wrapped(layout, context, plan.advice, icon="INFO")
 

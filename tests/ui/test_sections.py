@@ -113,8 +113,8 @@ MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
             ("All Frames: About 3 s", "5.3 s to be worth it"),
             True,
         ),
-        ({"encoding": "joint"}, ("All Frames: About 8 s Memory: 90 MB as asked",), True),
-        ({"encoding": "dpac", "limit_encoding": True}, ("Double Phase as asked",), False),
+        ({"encoding": "joint"}, ("All Frames: About 8 s Memory: 90 MB As asked",), True),
+        ({"encoding": "dpac", "limit_encoding": True}, ("Double Phase As asked",), False),
         ({"encoding": "refine", "method": "point"}, ("Point", "choose joint"), True),
     ],
 )

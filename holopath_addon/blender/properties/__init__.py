@@ -475,7 +475,7 @@ class HoloPathSettings(FormerNames, _Declared, _Focus, bpy.types.PropertyGroup):
         update=_focus_changed,
     )
     unmodulated: FloatProperty(
-        name="Zeroth Order",
+        name="Zero Order",
         description="Fraction of the light that leaves the SLM unmodulated, from 0 to 1",
         default=0.0,
         min=0.0,
