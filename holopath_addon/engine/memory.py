@@ -152,18 +152,19 @@ def shortage(needed: float, doing: str, array: Any = None) -> list[str]:
     )
     if whole is not None and needed > whole:
         raise InvalidInput(
-            f"{doing} needs about {_gigabytes(needed)} of memory, and {place} has {_gigabytes(whole)}. Choose "
+            f"{doing} needs about {gigabytes(needed)} of memory, and {place} has {gigabytes(whole)}. Choose "
             f"fewer pixels, frames or wavelengths, or a depth range nearer to the SLM."
         )
     if free is not None and needed > free:
         return [
-            f"{doing} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free. Close other "
+            f"{doing} needs about {gigabytes(needed)} of memory, and {gigabytes(free)} are free. Close other "
             f"programs, or choose fewer pixels, frames or wavelengths."
         ]
     return []
 
 
-def _gigabytes(count):
+def gigabytes(count: float) -> str:
+    """A number of bytes in words."""
     return f"{count / 1e9:.3g} GB"
 
 

@@ -15,17 +15,10 @@ import numpy as np
 import scipy.ndimage
 
 from ..mapping import DepthMapping, squared
-from ..pixels import beyond
 from ..settings.choices import BASELINES
+from ..waves.panels import propagated
 from ..waves.phase_fields import FEW_FRAMES
-from ..waves.propagation import (
-    OPTIMIZATION_GUARD,
-    carrier,
-    commensurate,
-    padded_shape,
-    propagate_stack,
-    transfer_function,
-)
+from ..waves.propagation import OPTIMIZATION_GUARD
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -145,18 +138,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         return module.field(job, progress)
     square = hologram.picture
     waves = module.field(job.of_pictures, progress)
-    shape = waves.shape[-2:]
     out = np.empty((*waves.shape[:2], hologram.height, hologram.width), np.complex64)
-    for k, wavelength in enumerate(hologram.wavelengths):
-        lines, distance = (
-            hologram.raster(wavelength).lines_on(square.raster()),
-            hologram.distance_at(wavelength),
-        )
-        guard = max(OPTIMIZATION_GUARD, beyond(lines, shape))
-        padded = commensurate(padded_shape(shape, square.pitch, wavelength, distance, guard), lines)
-        transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
-            wavelength, distance
-        )
-        for m, wave in enumerate(propagate_stack(waves[:, k], transfer, lines)):
-            out[m, k] = wave
+    for k, m, wave in propagated(waves, square, 0.0, display=hologram, guard=OPTIMIZATION_GUARD):
+        out[m, k] = wave
     return out

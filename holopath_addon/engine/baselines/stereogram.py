@@ -29,6 +29,7 @@ import numpy as np
 from ..hologram import channel
 from ..progress import named, parts
 from ..scene.rays import Rays, intersect
+from ..tracing.wave_kernel import wrapped
 from ..viewing.preview import path_tracer
 from ..waves.propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
 from ..waves.supervision import FramePool
@@ -219,15 +220,9 @@ class _LightField:
         height = mi.UInt32(dr.round(dr.abs(dz) * ((HEIGHTS - 1) / self.reach)))
         amplitude = dr.gather(mi.Float, self.gain, height) * dr.sqrt(dr.maximum(light / self.paths, 0))
         height, width = job.shape
-        cell = _wrap(mi.Int(row + down), height) * width + _wrap(mi.Int(column + right), width)
+        cell = wrapped(mi.Int(row + down), height) * width + wrapped(mi.Int(column + right), width)
         real, imaginary = amplitude * cosine, amplitude * sine
         dr.eval(real, imaginary, cell)
         shape = self.count, rows, self.columns
         wave = np.asarray(real).reshape(shape) + 1j * np.asarray(imaginary).reshape(shape)
         return wave, np.array(cell).reshape(shape)  # a copy, because threads must not hold Dr.Jit's memory
-
-
-def _wrap(index, size):
-    """Index modulo size, not negative."""
-    rest = index % size
-    return dr.select(rest < 0, rest + size, rest)

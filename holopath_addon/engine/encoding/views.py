@@ -14,7 +14,7 @@ from ..pixels import EvenSteps, Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves import arrays
 from ..waves.arrays import PROCESSOR, Array
-from ..waves.propagation import OPTIMIZATION_GUARD, FreeSpace, commensurate, padded_shape
+from ..waves.propagation import OPTIMIZATION_GUARD, FreeSpace, commensurate, fast_multiple, padded_shape
 from ..waves.target_images import TransferCache, Viewpoint
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class ViewedVolume:
         """Shape of spectra: with a guard band, and fast for FFTs."""
         farthest = max(abs(self.low), abs(self.high))
         shape = padded_shape(self.shape, self.pitch, self.wavelength, farthest, OPTIMIZATION_GUARD)
-        padded = tuple(map(_fast, shape))
+        padded = tuple(fast_multiple(size, MAX_STRIDE) for size in shape)
         return padded if self.places is None else commensurate(padded, self.places, MAX_STRIDE)
 
     @property
@@ -487,11 +487,3 @@ def _parts(radius, count, rng):
     return [
         (x, y, 0.5 * radius) for x, y in np.stack([aside * np.cos(angle), aside * np.sin(angle)], -1).tolist()
     ]
-
-
-def _fast(count):
-    """Next multiple of `MAX_STRIDE` that is a fast FFT length."""
-    count = -(-count // MAX_STRIDE) * MAX_STRIDE
-    while scipy.fft.next_fast_len(count) != count:
-        count += MAX_STRIDE
-    return count

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ..errors import InvalidInput
 from ..hologram import AerialImage
 from ..mapping import DepthMapping, traced
-from ..memory import available, on_card, shortage
+from ..memory import available, gigabytes, on_card, shortage
 from ..plan import CARD_STAGES, Decided, Decision, Plan, gathered_on
 from ..progress import named
 from ..scene import variants
@@ -396,7 +396,7 @@ def decide_library(
     waves_bytes = max(card_bytes[stage] for stage in TO_THE_SLM)
     if waves_bytes > free_bytes:
         reason = (
-            f"{known} would need {_gigabytes(waves_bytes)} of the card's memory, of which {_gigabytes(free_bytes)} are "
+            f"{known} would need {gigabytes(waves_bytes)} of the card's memory, of which {gigabytes(free_bytes)} are "
             "free"
         )
         name, waves = libraries.NUMPY, Decision("waves", "processor", reason)
@@ -404,10 +404,10 @@ def decide_library(
     smaller = [stage for stage in in_batches if stage not in too_large]
     notes = [f"left to the processor: {', '.join(too_large)}"] if too_large else []
     notes += [f"in smaller batches, which fit: {', '.join(smaller)}"] if smaller else []
-    stages = ", ".join(f"{stage} {_gigabytes(needed)}" for stage, needed in card_bytes.items())
+    stages = ", ".join(f"{stage} {gigabytes(needed)}" for stage, needed in card_bytes.items())
     reason = "; ".join(notes) or ("all else fits" if waves_bytes > free_bytes else "all fit")
     return Decided(
-        name, (waves, Decision("card's memory", f"{stages}; {_gigabytes(free_bytes)} free", reason))
+        name, (waves, Decision("card's memory", f"{stages}; {gigabytes(free_bytes)} free", reason))
     )
 
 
@@ -432,10 +432,6 @@ def _on_fitting_device(costs: CostModel, too_large: Iterable[str]) -> CostModel:
     if not too_large:
         return costs
     return replace(costs, survey=replace(costs.survey, slowness=slowness(None, libraries.NUMPY)))
-
-
-def _gigabytes(count):
-    return f"{count / 1e9:.3g} GB"
 
 
 def report_depth(survey: Survey) -> Decided[None]:

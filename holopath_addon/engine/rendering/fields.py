@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..hologram import AerialImage
-from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
 from ..waves import arrays, despeckle, lens, libraries
+from ..waves.panels import propagated
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, commensurate, padded_shape, propagate_stack, transfer_function
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from ..hologram import Hologram
     from ..light.path_tracer import PathsPerRay
     from ..plan import RecordingPlane
@@ -117,7 +114,7 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
         out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
     frames = field.shape[0]
     with recording.clock("propagation"):
-        for k, m, wave in _propagated(field, hologram, -recording.plan.z_gathered, display=pixels):
+        for k, m, wave in propagated(field, hologram, -recording.plan.z_gathered, display=pixels):
             out[m, k, ...] = wave
             step = (k * frames + m + 1) / (frames * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
@@ -158,7 +155,7 @@ def _in_scene(recording, tracing, number, progress):
             images = arrays.zeros(shape, "complex64", on)
             tracing.add(number, plane, images, part)
             with recording.clock("propagation"):
-                for k, m, wave in _propagated(images, hologram, z - plane.z, carried=False):
+                for k, m, wave in propagated(images, hologram, z - plane.z, carried=False):
                     on_propagation(1.0)
                     field[m, k, ...] += wave
             continue
@@ -166,10 +163,10 @@ def _in_scene(recording, tracing, number, progress):
             # the wave from behind passes the silhouette where the surfaces of this slab begin
             clear = arrays.like(np.sqrt(1 - recording.silhouette(plane)), on)
             with recording.clock("propagation"):
-                for k, m, wave in _propagated(field, hologram, plane.low - z, carried=False):
+                for k, m, wave in propagated(field, hologram, plane.low - z, carried=False):
                     on_propagation(0.0)
                     field[m, k, ...] = wave * clear
-                for k, m, wave in _propagated(field, hologram, plane.z - plane.low, carried=False):
+                for k, m, wave in propagated(field, hologram, plane.z - plane.low, carried=False):
                     on_propagation(0.0)
                     field[m, k, ...] = wave
         z = plane.z
@@ -197,26 +194,3 @@ def _despeckle(recording, tracing, field, progress):
             field[:, k, ...] = despeckle.despeckle(
                 field[:, k, ...], target, settings.despeckle, settings.seed, named(part, "Despeckling")
             )
-
-
-def _propagated(
-    field, hologram, distance, carried=True, display=None
-) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Propagate a stack of fields: yield the numbers of wavelength and frame, and the field, with or without carrier.
-
-    With a display, the field is on its pixels, and at the distance where they lie for each wavelength.
-    """
-    shape, start = field.shape[-2:], distance
-    for k, wavelength in enumerate(hologram.wavelengths):
-        places, guard = None, 0
-        if display is not None:
-            distance = start + display.distance_at(wavelength)
-            places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
-            guard = beyond(places, shape)
-        padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
-        padded = padded if places is None else commensurate(padded, places)
-        transfer = transfer_function(padded, hologram.pitch, wavelength, distance, on=field)
-        if carried:
-            transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(propagate_stack(field[:, k, ...], transfer, places)):
-            yield k, m, wave

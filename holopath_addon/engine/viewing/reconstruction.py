@@ -7,7 +7,6 @@ import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
 from ..errors import InvalidInput
 from ..hologram import channel
@@ -22,6 +21,7 @@ from ..waves.propagation import (
     EVALUATION_GUARD,
     circular_band,
     commensurate,
+    fast_multiple,
     field_of,
     grid_bytes,
     padded_shape,
@@ -405,7 +405,7 @@ class Refocuser:
         padded = padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
         if places is not None:
             return commensurate(padded, places)
-        return tuple(_fast_multiple(n, self._max_apart) for n in padded)
+        return tuple(fast_multiple(n, self._max_apart) for n in padded)
 
     def _places(self, k):
         """Places of the image's pixels on the panel's grid; None where both are the same."""
@@ -503,16 +503,6 @@ def _bins(mask, apart):
         place[own % size] = own % count
         bins.append(place)
     return bins
-
-
-def _fast_multiple(count, factor):
-    """The next multiple of a factor that has a fast FFT; the number itself for the factor 1."""
-    if factor == 1:
-        return count
-    count = -(-count // factor) * factor
-    while scipy.fft.next_fast_len(count) != count:
-        count += factor
-    return count
 
 
 def reconstruct(

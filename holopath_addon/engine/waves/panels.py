@@ -1,4 +1,4 @@
-"""Fields at the panel of another bench, whose colors have other pixel positions."""
+"""Fields elsewhere: propagated to the pixels of a display, or of another bench, whose colors have other positions."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..optics import COLORS
-from ..pixels import beyond, coarsest, frequencies
+from ..pixels import Raster, beyond, coarsest, frequencies
 from . import arrays
 from .propagation import carrier, commensurate, padded_shape, propagate_stack, transfer_function
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..hologram import AerialImage, Hologram
     from ..optics import Optics
     from ..wavefield import WaveField
+    from .arrays import Array
 
 
 def at_panel(field: WaveField, optics: Optics) -> WaveField:
@@ -60,3 +64,44 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
         for m, wave in enumerate(propagate_stack(field.data[:, k, ...], transfer, lines)):
             data[m, k, ...] = wave
     return replace(field, data=data, hologram=after, extra_frames=None)
+
+
+def propagated(
+    field: Array,
+    hologram: Hologram | AerialImage,
+    distance: float,
+    carried: bool = True,
+    display: Hologram | None = None,
+    guard: int = 0,
+) -> Iterator[tuple[int, int, Array]]:
+    """Propagate a stack of fields: yield the numbers of wavelength and frame, and the field.
+
+    Parameters
+    ----------
+    field : array, complex, shape (frame, wavelength, y, x)
+    hologram : Hologram or AerialImage
+        Pixels and wavelengths of the field.
+    distance : float
+        Distance to propagate, meters.
+    carried : bool
+        Whether the fields have their `carrier`.
+    display : Hologram, optional
+        Display whose pixels the fields are to have, at the distance where they lie for each wavelength. Default: the
+        pixels of `hologram`.
+    guard : int
+        Minimum number of dark pixels beyond the edges.
+    """
+    shape, start = field.shape[-2:], distance
+    for k, wavelength in enumerate(hologram.wavelengths):
+        places, beyond_edge = None, guard
+        if display is not None:
+            distance = start + display.distance_at(wavelength)
+            places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
+            beyond_edge = max(guard, beyond(places, shape))
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance, beyond_edge)
+        padded = padded if places is None else commensurate(padded, places)
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance, on=field)
+        if carried:
+            transfer = transfer * carrier(wavelength, distance)
+        for m, wave in enumerate(propagate_stack(field[:, k, ...], transfer, places)):
+            yield k, m, wave

@@ -360,6 +360,16 @@ def commensurate(shape: Sequence[int], places: Sequence[EvenSteps], multiple: in
     return tuple(best)
 
 
+def fast_multiple(count: int, factor: int) -> int:
+    """The next multiple of a factor that has a fast FFT; the number itself for the factor 1."""
+    if factor == 1:
+        return count
+    count = -(-count // factor) * factor
+    while scipy.fft.next_fast_len(count) != count:
+        count += factor
+    return count
+
+
 def _off(count, step):
     """Deviation of a step, in its units, from the nearest one that divides a length."""
     return abs(count / step - round(count / step)) / count

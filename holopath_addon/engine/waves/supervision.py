@@ -215,18 +215,14 @@ class Adam:
     ----------
     shape : tuple of int
         Frames first.
-    first, second : float
-        Decays of the means of slopes and of their squares.
     on : array, optional
         Array whose library and device compute. Default: NumPy.
     """
 
     WARM_UP = 50  # steps until the rate is at its highest
+    DECAYS = 0.9, 0.99  # of the means of slopes and of their squares
 
-    def __init__(
-        self, shape: tuple[int, ...], first: float = 0.9, second: float = 0.99, on: Array = PROCESSOR
-    ) -> None:
-        self.decays = first, second
+    def __init__(self, shape: tuple[int, ...], on: Array = PROCESSOR) -> None:
         self.mean, self.square = (arrays.zeros(shape, "float32", on) for _ in range(2))
         self.count = 0
 
@@ -238,7 +234,7 @@ class Adam:
     def step(self, values: Array, gradient: Sequence[Array], rate: float, pool: FramePool) -> None:
         """Take a step of length `rate` against the gradient, a sequence of frames; `values` change in place."""
         self.count += 1
-        first, second = self.decays
+        first, second = self.DECAYS
         length, spread = rate / (1 - first**self.count), 1 / (1 - second**self.count)
         xp = arrays.namespace(values)
 
