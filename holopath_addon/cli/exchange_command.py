@@ -335,10 +335,5 @@ def _import(args):
     with output.output_folder(out) as part:
         thing.save(part / ("wavefield" if is_field else "hologram"))
         names = [path if role is None else f"{role}={path}" for role, path in args.files]
-        report = {
-            "format": output.FORMAT,
-            "format_version": output.FORMAT_VERSION,
-            "imported": names[0] if len(names) == 1 else names,
-        }
-        output.write_report(part, report)
+        output.write_report(part, {"imported": names[0] if len(names) == 1 else names})
     progress(1.0, f"Done: {out}{'' if is_field else ' (phases: refocus them with --hologram)'}")

@@ -138,26 +138,6 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, new: str, **words) -
     )
 
 
-def add_removed(parser: argparse.ArgumentParser, option: str, message: str) -> None:
-    """Refuse an option of earlier versions.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-    option : str
-    message : str
-        What to do instead.
-    """
-
-    class RemovedOption(argparse.Action):
-        def __call__(self, parser, args, value, option=None):
-            raise engine.InvalidInput(message)
-
-    parser.add_argument(
-        option, nargs="?", action=RemovedOption, default=argparse.SUPPRESS, help=argparse.SUPPRESS
-    )
-
-
 def flag(name: str) -> str:
     """Option of a setting on the command line.
 

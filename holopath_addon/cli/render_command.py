@@ -81,12 +81,6 @@ def add(command, store):
     )
     add_option(render, "frames")
     render.set_defaults(work=_join)
-    options.add_removed(
-        render,
-        "--divide",
-        "One process renders a still. Omit --divide: several processes share the frames of --animation and the runs "
-        "of `holopath study`.",
-    )
     add_focus(render, "three depths spread over the visible range")
     add_encoding(render)
     render.add_argument(
@@ -739,7 +733,7 @@ def load(args, source):
 
     Returns
     -------
-    sources.Loaded
+    exchange.built_scene.BuiltScene
     engine.Hologram
     engine.Settings
 

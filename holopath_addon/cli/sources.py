@@ -8,7 +8,7 @@ import glob
 import os
 import re
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from ..engine.planning.planner import resolved
 from ..engine.scene import variants
 from ..engine.scene.captured.views import METHODS as VIEW_METHODS
 from ..exchange import captures
+from ..exchange.built_scene import BuiltScene
 from ..exchange.captures import CaptureOptions
 from ..exchange.mitsuba_file import MitsubaFile
 from ..farm.processes import uninterrupted
@@ -25,24 +26,6 @@ from ..workflow import output
 
 if TYPE_CHECKING:
     import mitsuba as mi
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """A scene that can be rendered.
-
-    Attributes
-    ----------
-    scene : mitsuba.Scene
-    camera : engine.Camera
-    notes : list of dict
-        Approximations and omissions of the exporter or of the scene file's reader: object, feature, effect, material,
-        see `export.Note`.
-    """
-
-    scene: "mi.Scene"
-    camera: engine.Camera
-    notes: list = field(default_factory=list)
 
 
 class BlenderSource:
@@ -176,7 +159,7 @@ class BlenderSource:
 
         Returns
         -------
-        Loaded
+        BuiltScene
 
         Raises
         ------
@@ -194,7 +177,7 @@ class BlenderSource:
                 depsgraph = bpy.context.evaluated_depsgraph_get()
             exported = export_scene(depsgraph, (width, height), camera, self._cache)
         notes = [note.to_dict() for note in exported.notes]
-        return Loaded(exported.scene, exported.camera, notes + _script_notes())
+        return BuiltScene(exported.scene, exported.camera, notes + _script_notes())
 
     def _view_layer(self):
         """The view layer that was chosen, or the first one that is used for rendering."""
@@ -355,14 +338,13 @@ class MitsubaSource:
 
         Returns
         -------
-        Loaded
+        BuiltScene
 
         Raises
         ------
         engine.InvalidInput, engine.BackendUnavailable
         """
-        built = self._read().build((width, height), camera)
-        return Loaded(built.scene, built.camera, built.notes)
+        return self._read().build((width, height), camera)
 
     def _read(self):
         if self._file is None:
@@ -435,14 +417,13 @@ class CaptureSource:
 
         Returns
         -------
-        Loaded
+        BuiltScene
 
         Raises
         ------
         engine.InvalidInput, engine.BackendUnavailable
         """
-        built = self._file.build((width, height), camera)
-        return Loaded(built.scene, built.camera, built.notes)
+        return self._file.build((width, height), camera)
 
 
 def open_requested(args):

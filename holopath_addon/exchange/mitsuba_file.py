@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ import numpy as np
 
 from ..engine import Camera, InvalidInput
 from ..engine.scene import variants
+from .built_scene import BuiltScene
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -66,23 +67,6 @@ class Film:
     def is_cropped(self) -> bool:
         """Whether the crop window is smaller than the film."""
         return self.crop != (0, 0, self.width, self.height)
-
-
-@dataclass(frozen=True)
-class BuiltScene:
-    """The scene of a file.
-
-    Attributes
-    ----------
-    scene : mitsuba.Scene
-    camera : Camera
-    notes : list of dict
-        Differences from Mitsuba's rendering: object, feature, effect, material.
-    """
-
-    scene: mi.Scene
-    camera: Camera
-    notes: list = field(default_factory=list)
 
 
 class MitsubaFile:

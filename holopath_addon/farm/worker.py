@@ -174,7 +174,6 @@ class Child:
         environment = {**os.environ, **dict.fromkeys(bounds, str(threads))}
         # Dask makes its workers free memory at once, which costs large arrays a third more time.
         environment.pop("MALLOC_TRIM_THRESHOLD_", None)
-        self._task = None
         self._lock = threading.Lock()
         self._process = subprocess.Popen(
             command,
@@ -190,11 +189,6 @@ class Child:
     def alive(self) -> bool:
         """Whether the child runs."""
         return self._process.poll() is None
-
-    @property
-    def task(self) -> dict | None:
-        """The current task."""
-        return self._task
 
     def prepare(self, task: dict) -> None:
         """Open a job, by `words`, `folder` and `mark`, ahead of a unit."""
@@ -220,7 +214,6 @@ class Child:
         ------
         WorkerDied
         """
-        self._task = task
         try:
             self._write(task)
             assert self._process.stdout is not None
@@ -231,8 +224,6 @@ class Child:
                 on_line(answer)
         except (OSError, ValueError):  # broken pipes, or an incomplete last line
             pass
-        finally:
-            self._task = None
         code = self._process.wait()
         raise WorkerDied(f"its process ended with {f'signal {-code}' if code < 0 else f'status {code}'}")
 
@@ -240,11 +231,6 @@ class Child:
         """Stop the current unit soon; `work` then returns its answer."""
         with suppress(OSError):
             self._write({"cancel": True})
-
-    def close(self) -> None:
-        """End the child at once."""
-        self._process.kill()
-        self._process.wait()
 
     def _write(self, line):
         with self._lock:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import bpy
 
 from .. import engine, slm
-from ..workflow import failures
 from . import session
 from .jobs import Job
 
@@ -55,22 +54,6 @@ current = Devices()
 def streaming():
     """Whether a stream is running."""
     return current.job is not None and current.job.running
-
-
-def record_error(error):
-    """Keep a failure for the panel.
-
-    Parameters
-    ----------
-    error : BaseException
-
-    Returns
-    -------
-    str
-        Its sentence; empty for a cancellation.
-    """
-    current.error = "" if failures.cancelled(error) else failures.sentence(error)
-    return current.error
 
 
 def stream(driver, sequence, rate, loops, trigger, patience):
@@ -139,25 +122,8 @@ def release():
         controller.close()
 
 
-def show(image, wavelengths):
-    """Write a camera's image into its image datablock; on the main thread.
-
-    Parameters
-    ----------
-    image : numpy.ndarray, shape (y, x, wavelength)
-        Linear intensities.
-    wavelengths : sequence of float
-        Meters.
-
-    Returns
-    -------
-    bpy.types.Image
-    """
-    return session.write_image(CAMERA, session.to_rgba(image, wavelengths))
-
-
 def load(path):
-    """Load an image file into the datablock of `show`, packed: the file may be deleted.
+    """Load an image file into the datablock of camera images, packed: the file may be deleted.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
             job = self._prepare(context, endless=False)
             job.run()
         except Exception as error:
-            return report_error(self, devices.record_error(error))
+            return report_error(self, session.record_error(error, devices.current))
         return self._finish(job)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
@@ -73,7 +73,7 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
             job = self._prepare(context, endless=True)
             job.start()
         except Exception as error:
-            return report_error(self, devices.record_error(error))
+            return report_error(self, session.record_error(error, devices.current))
         self._job, self._lost = job, ""
         devices.current.timer = bpy.data.window_managers[0].event_timer_add(
             POLL_INTERVAL, window=context.window
@@ -113,7 +113,7 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
         counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
-            return report_error(self, devices.record_error(job.error))
+            return report_error(self, session.record_error(job.error, devices.current))
         self.report(
             {"INFO"}, f"{'Stopped' if job.error else 'Done'}: {job.result or counts or 'nothing was shown'}."
         )
@@ -262,7 +262,7 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
                 )
             slm.FocusPlanes.spread().save(path)
         except Exception as error:
-            return report_error(self, devices.record_error(error))
+            return report_error(self, session.record_error(error, devices.current))
         properties.of(context.scene).device.planes = str(path)
         self.report({"INFO"}, f"Five focus planes are in {path}.")
         return {"FINISHED"}
@@ -309,7 +309,7 @@ class HOLOPATH_OT_capture(ModalOperator, bpy.types.Operator):
         else:
             phase = _phase()
             assert phase is not None  # the bench shows it
-            image = devices.show(picture, phase.hologram.wavelengths)
+            image = session.write_image(devices.CAMERA, session.to_rgba(picture, phase.hologram.wavelengths))
         self.present(context, image)
         return f"Picture for {distance * 1e3:g} mm taken"
 

@@ -546,7 +546,9 @@ class Calibration:
                     Response(
                         float(r["wavelength_nm"]) * 1e-9,
                         float(r.get("range", 1.0)),
-                        _curve(path.with_name(str(r["file"]))) if r.get("file") else r.get("curve"),
+                        tuple(enumerate(read_response(path.with_name(str(r["file"])))))
+                        if r.get("file")
+                        else r.get("curve"),
                     )
                     for r in data.get("responses", ())
                 ),
@@ -708,11 +710,6 @@ def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
         for model in models
     )
     return {"color_scale": tuple(scale), "color_distance": tuple(distance), "color_shift": tuple(shift)}
-
-
-def _curve(path):
-    """Pairs of level and phase from the file of a table."""
-    return tuple((level, float(phase)) for level, phase in enumerate(read_response(path)))
 
 
 def _boolean(value):

@@ -117,7 +117,7 @@ def contact_sheet(images, lens_image, phases=None):
     bytes
     """
     order = list(images)
-    compared = order.pop(middle(order))
+    compared = order.pop(len(order) // 2)
     white = exposure(np.stack(images))
     tiles = [_tile(image, white) for image in [*order, compared]] + [_tile(lens_image, exposure(lens_image))]
     if len(tiles) % 2:
@@ -138,21 +138,6 @@ def contact_sheet(images, lens_image, phases=None):
         y, x = number // 2 * step[0], left + number % 2 * step[1]
         sheet[y : y + height, x : x + width] = tile
     return _encode(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
-
-
-def middle(images):
-    """Index of the image that a contact sheet compares with that of a thin lens.
-
-    Parameters
-    ----------
-    images : sequence
-        Anything with one entry per focus distance.
-
-    Returns
-    -------
-    int
-    """
-    return len(images) // 2
 
 
 def _tile(rgb, white):

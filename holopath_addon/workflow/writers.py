@@ -256,7 +256,7 @@ def _write_contact_sheet(still, progress):
         request.scene,
         request.camera,
         field.hologram,
-        [focus[output.middle(focus)]],
+        [focus[len(focus) // 2]],  # that beside which a contact sheet sets it
         request.pupil,
         SHEET_PATHS,
         field.near,

@@ -107,7 +107,6 @@ def left_over(folder):
         (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "Seed"),
-        (["{xml}", "--divide", "16"], "Omit --divide: several processes share the frames of --animation"),
         (["{xml}", "--quality", "high", "--spp", "3"], "not allowed with"),
         (["{xml}", "--contact-sheet", "demo.jpg"], "Expected the name of an image in DIR"),
         (["{xml}", "--contact-sheet", "../demo.png"], "Expected the name of an image in DIR"),

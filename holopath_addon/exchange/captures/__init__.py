@@ -2,7 +2,7 @@
 
 from .depths import DEPTHS, UNIT_WORDS, UNITS, read_depth
 from .opening import SUFFIXES, open_capture
-from .options import CapturedScene, CaptureOptions, with_depth_beside
+from .options import CaptureOptions, with_depth_beside
 from .picture import ALONG, PictureFile, downsample
 from .pixels import PICTURES, read_picture
 from .ply import read_points
@@ -20,7 +20,6 @@ __all__ = [
     "UNIT_WORDS",
     "VIEWS",
     "CaptureOptions",
-    "CapturedScene",
     "PictureFile",
     "PointFile",
     "ViewFile",

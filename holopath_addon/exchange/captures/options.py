@@ -13,9 +13,6 @@ from ...engine.scene.captured.picture import FIELD_OF_VIEW
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    import mitsuba as mi
-
-    from ...engine import Camera
 
 ASPECT_TOLERANCE = 0.01  # relative difference of aspects
 
@@ -79,23 +76,6 @@ class CaptureOptions:
         if "view_focus" in values:
             values["view_focus"] = float(values["view_focus"])  # JSON has no infinity, which is a string
         return cls(**values)
-
-
-@dataclass(frozen=True)
-class CapturedScene:
-    """A capture as a scene.
-
-    Attributes
-    ----------
-    scene : mitsuba.Scene
-    camera : Camera
-    notes : list of dict
-        Defaults and differences: object, feature, effect, material.
-    """
-
-    scene: mi.Scene
-    camera: Camera
-    notes: list
 
 
 def with_depth_beside(options: CaptureOptions, path: Path) -> CaptureOptions:

@@ -10,8 +10,9 @@ import numpy as np
 
 from ...engine import InvalidInput
 from ...engine.scene.captured.picture import picture_scene
+from ..built_scene import BuiltScene
 from .depths import DEPTHS, UNIT_WORDS, UNITS, depth_notes, read_depth
-from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, refuse, shape_notes
+from .options import CaptureOptions, check_fov, fov_note, fov_of, refuse, shape_notes
 from .pixels import read_picture
 
 ALONG = ("axis", "ray")  # the camera's axis, or the line of sight
@@ -97,7 +98,7 @@ class PictureFile:
             )
         return depth / _lengths(self.size, fov) if self._options.depth_along == "ray" else depth
 
-    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+    def build(self, size: tuple[int, int], camera: str | None = None) -> BuiltScene:
         """Build the scene.
 
         Parameters
@@ -124,7 +125,7 @@ class PictureFile:
             scene, viewer = picture_scene(image, depth, 2 * math.atan(fraction * math.tan(fov / 2)))
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}, {self.depth_path}: {error}") from None
-        return CapturedScene(scene, viewer, notes)
+        return BuiltScene(scene, viewer, notes)
 
 
 def _lengths(size, fov):

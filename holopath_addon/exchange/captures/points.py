@@ -8,7 +8,8 @@ import numpy as np
 
 from ...engine import InvalidInput
 from ...engine.scene.captured.points import VIEWERS, point_scene
-from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, note, refuse
+from ..built_scene import BuiltScene
+from .options import CaptureOptions, check_fov, fov_note, fov_of, note, refuse
 from .ply import read_points
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class PointFile:
         """Paths of the files by role."""
         return {"points": self.path}
 
-    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+    def build(self, size: tuple[int, int], camera: str | None = None) -> BuiltScene:
         """Build the scene.
 
         Parameters
@@ -93,4 +94,4 @@ class PointFile:
             )
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}: {error}") from None
-        return CapturedScene(scene, viewer, notes)
+        return BuiltScene(scene, viewer, notes)

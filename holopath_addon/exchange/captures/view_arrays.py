@@ -38,7 +38,11 @@ def read_views(path: Path) -> np.ndarray:
         If the file cannot be read, has another shape, or an unclear order of views.
     """
     try:
-        array = _of_archive(path) if path.suffix.lower() == ".npz" else _check(_map(path))
+        array = (
+            _of_archive(path)
+            if path.suffix.lower() == ".npz"
+            else _check(np.load(path, allow_pickle=False, mmap_mode="r"))
+        )
         views = np.array(array, np.float32)
     except InvalidInput:
         raise
@@ -48,10 +52,6 @@ def read_views(path: Path) -> np.ndarray:
     if array.dtype.kind == "u":
         views = linear(views / np.float32(np.iinfo(array.dtype).max)).astype(np.float32)
     return views.reshape(-1, *views.shape[-4:])
-
-
-def _map(path):
-    return np.load(path, allow_pickle=False, mmap_mode="r")
 
 
 def _check(array):

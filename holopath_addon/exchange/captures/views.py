@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from ...engine import InvalidInput
 from ...engine.scene.captured.views import view_scene
-from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, note, refuse, shape_notes
+from ..built_scene import BuiltScene
+from .options import CaptureOptions, check_fov, fov_note, fov_of, note, refuse, shape_notes
 from .pixels import read_picture
 from .view_arrays import read_views
 
@@ -123,7 +124,7 @@ class ViewFile:
         )
         return [note(self.path, "a picture that its views do not fill", effect)]
 
-    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+    def build(self, size: tuple[int, int], camera: str | None = None) -> BuiltScene:
         """Build the scene.
 
         Parameters
@@ -161,4 +162,4 @@ class ViewFile:
             )
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}: {error}") from None
-        return CapturedScene(scene, viewer, notes)
+        return BuiltScene(scene, viewer, notes)

@@ -103,17 +103,20 @@ def forget_all():
     current.__dict__.update(vars(Session()))
 
 
-def record_error(error):
+def record_error(error, state=None):
     """Keep a failure for the panels.
 
     Parameters
     ----------
     error : BaseException
+    state : Session or devices.Devices, optional
+        Whose failure it is. Default: the session's.
 
     Returns
     -------
     str
         Its sentence; empty for a cancellation.
     """
-    current.error = "" if failures.cancelled(error) else failures.sentence(error)
-    return current.error
+    state = current if state is None else state
+    state.error = "" if failures.cancelled(error) else failures.sentence(error)
+    return state.error
