@@ -63,7 +63,7 @@ def add(command, store):
         default="auto",
         help="dpac: double phase; sgd: gradient descent of each frame; joint: of all frames together; refine: of all "
         "frames, towards many extra frames of the same light, which need the scene. auto (default) is refine if the "
-        "scene is there, else joint, or sgd for one frame",
+        "scene is there, else joint, or sgd for one frame of random phases",
     )
     add(
         "--scene",
@@ -154,8 +154,8 @@ def _encode(args):
     phase.save(target, stages["files"])
     if stopped is not None:
         raise engine.Cancelled(f"Canceled: the phases of the last step are in {target}.") from stopped
-    if phase.report.get("advice"):
-        progress.say(f"note: {phase.report['advice']}")
+    for note in pipeline.encoding_notes(phase):
+        progress.say(f"note: {note}")
     progress(1.0, f"Done: {target}")
 
 

@@ -331,7 +331,7 @@ def add_encoding(parser):
         choices=("none", *ENCODINGS),
         default="none",
         help="also write phases for an SLM into DIR/hologram (default none); auto: the best method that "
-        "--encode-seconds allow, which is refine, or if they are too few joint, or sgd for one frame",
+        "--encode-seconds allow, which is refine, or if they are too few joint or sgd",
     )
     add_levels(parser, " (default: those of --display, if they are fewer than 8)")
     add_encode_seconds(parser)
@@ -654,7 +654,10 @@ def hologram_of(args, base):
     lens = optics.get("lens", base.optics.lens)
     if args.display is not None:
         if args.resolution or args.pitch:
-            raise engine.InvalidInput("--display sets resolution and pitch. Omit --resolution and --pitch.")
+            raise engine.InvalidInput(
+                "--display sets resolution and pitch. Omit --resolution and --pitch, or, for a part of the panel, give "
+                "them with --bits and --frames in place of --display."
+            )
         changes.update(width=args.display.width, height=args.display.height, pitch=args.display.pitch)
     if args.resolution is not None:
         changes.update(width=args.resolution[0], height=args.resolution[1])

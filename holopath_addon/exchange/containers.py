@@ -317,7 +317,8 @@ def _reader_of(read_picture):
 
 def _write_picture(path, container):
     raise InvalidInput(
-        f"Fields and phases cannot be written as pictures. Give a file of {', '.join(SUFFIXES)}."
+        f"Fields and phases cannot be written as pictures. Give a file of {', '.join(SUFFIXES)}. Pictures of phases "
+        "lie in the folder hologram, and those for a device are what `holopath stream DIR --driver files` writes."
     )
 
 

@@ -411,6 +411,25 @@ def phases_by_card(work, data, needed=None):
     return phase
 
 
+def encoding_notes(phase):
+    """What a user should know of phases: what more seconds would bring, and the encoder's own advice.
+
+    Parameters
+    ----------
+    phase : engine.PhaseHologram
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
+    plan, own, notes = phase.report.get("plan"), phase.report.get("advice"), []
+    if plan and plan["advice"]:
+        short = "" if plan["method"] == "refine" else f"The encoding is {plan['method']}: {plan['reason']}. "
+        notes.append(f"{short}{plan['advice']} See --encode-seconds.")
+    return notes + [own] * bool(own)
+
+
 def _in_numpy(phase):
     return replace(phase, data=on_processor(phase.data))
 

@@ -140,8 +140,7 @@ def _encode(request, field, progress, stoppable):
                 options["start"] = previous
         scene, settings, store = request.scene, request.settings, request.store
         phase = pipeline.encode(field, encoding, progress, scene, settings, store, **options)
-        advice, own = phase.report["plan"]["advice"], phase.report.get("advice")
-        return phase, [f"{advice} See --encode-seconds."] * bool(advice) + [own] * bool(own)
+        return phase, pipeline.encoding_notes(phase)
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
             raise

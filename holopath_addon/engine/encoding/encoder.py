@@ -19,7 +19,7 @@ from ..waves.supervision import FramePool
 from . import descent
 from .axis import on_axis
 from .channel import Channel
-from .options import EncodingOptions
+from .options import EncodingOptions, is_smooth
 from .phase_hologram import PhaseHologram
 from .views import step_transforms
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are optimized in groups
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # for each pixel of a frame
-SMOOTH = 0.8  # correlation of a field's neighboring pixels; of random phases that fill the band it is 0.2
 DARK = 1e-6  # fraction of the brightest wavelength's amplitude, up to which a wavelength stays dark
 # Deadlines as fractions of the given seconds: of the first stage, of extra frames while a wavelength has none, and of
 # extra frames otherwise.
@@ -81,8 +80,9 @@ def encode(
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame by itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths all over
         the volume and through parts of the pupil. ``refine``: the same towards the mean intensity of `extra_frames`.
-        ``auto``: `joint` if there are several frames, which starts with their `randomness_for` if they are few or the
-        eyebox is 0, else `sgd`. If the seconds are too few for any extra frames, `refine` is `joint`.
+        ``auto``: `joint` if there are several frames, or one whose phases are smooth; it starts with their
+        `randomness_for` if they are few or the eyebox is 0. Else `sgd`. If the seconds are too few for any extra
+        frames, `refine` is `joint`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`. The attribute `kept` of the `Cancelled`
         that `encode` then raises is the hologram so far.
@@ -309,23 +309,18 @@ class _SingleFrames(_Encoder):
         channel.set_gain()
 
     def _advise_on_smooth_phases(self):
-        """Advise amplitude supervision, which shows a field of smooth phases better.
-
-        If the phases of an image are flat, a complex target leaves a phase-only hologram no freedom. Flat phases have a
-        narrow spectrum, so neighboring pixels correlate. Their correlation is the same on all planes, as propagation
-        keeps the power spectrum (Wiener and Khinchin).
-        """
-        energy = correlation = 0.0
+        """Advise amplitude supervision, which shows a field of smooth phases better."""
         data = self._field.data
-        for number in range(data.shape[0]):
-            frame = data[number, ...]
-            if self._field.hologram.in_air is not self._field.hologram:
-                waves = [each.propagate(frame[color, ...]) for color, each in enumerate(self._channels)]
-                frame = arrays.namespace(data).stack(waves)
-            energy += arrays.product(frame, frame).real
-            correlation += abs(arrays.product(frame[..., :-1, :], frame[..., 1:, :]))
-            correlation += abs(arrays.product(frame[..., :-1], frame[..., 1:]))
-        if correlation > 2 * SMOOTH * energy > 0:
+        is_flat = self._field.hologram.in_air is self._field.hologram
+        waves = (
+            data[number, ...]
+            if is_flat
+            else arrays.namespace(data).stack(
+                [each.propagate(data[number, color, ...]) for color, each in enumerate(self._channels)]
+            )
+            for number in range(data.shape[0])
+        )
+        if is_smooth(waves):
             self._report["advice"] = (
                 "The field's phases are smooth, and its complex target leaves a phase-only hologram little freedom. "
                 "Use amplitude supervision, by `holopath encode DIR --method sgd --supervision amplitude "

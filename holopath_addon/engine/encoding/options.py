@@ -30,6 +30,7 @@ STARTS = ("arg", "dpac")
 JOINT_METHODS = ("joint", "refine")
 MAX_STEPS = 1000  # of a stage in one wavelength
 JOINT_STEPS = {"joint": 100, "refine": 400}  # in each wavelength, without a limit of seconds
+SMOOTH = 0.8  # correlation of a field's neighboring pixels; of random phases that fill the band it is 0.2
 # Number of steps after which few frames, which begin with light all over the pupil, lose it in parts that hardly count:
 # 800 steps instead of 100 cost 5 dB in the mean of views (docs/measurements.md, Few frames).
 FEW_FRAMES_STEPS = 100
@@ -60,6 +61,24 @@ def step_limit(frames: int, eyebox: float) -> int:
     """
     are_few = MIN_AIMED_FRAMES <= frames < DESIGNED_STARTS
     return FEW_FRAMES_STEPS if are_few and eyebox <= eyebox_for(frames) else MAX_STEPS
+
+
+def is_smooth(waves: Iterable[Array]) -> bool:
+    """Whether the phases of waves are smooth, so that a complex target leaves a phase-only hologram no freedom.
+
+    Flat phases have a narrow spectrum, so neighboring pixels correlate. Their correlation is the same on all planes, as
+    propagation keeps the power spectrum (Wiener and Khinchin).
+
+    Parameters
+    ----------
+    waves : iterable of array, complex, shape (..., y, x)
+    """
+    energy = correlation = 0.0
+    for wave in waves:
+        energy += arrays.product(wave, wave).real
+        correlation += abs(arrays.product(wave[..., :-1, :], wave[..., 1:, :]))
+        correlation += abs(arrays.product(wave[..., :-1], wave[..., 1:]))
+    return correlation > 2 * SMOOTH * energy > 0
 
 
 @dataclass(frozen=True)
@@ -93,8 +112,10 @@ class EncodingOptions:
         eyebox = eyebox_for(frames) if self.eyebox is None else self.eyebox
         method, randomness = self.method, self.randomness
         if method == "auto":
-            method = "joint" if frames > 1 else "sgd"
-            smooth = method == "joint"
+            is_plain = self.start == "arg" and self.supervision == "complex"
+            is_plain &= field.hologram.in_air is field.hologram
+            smooth = frames > 1 or (is_plain and is_smooth(field.data))
+            method = "joint" if smooth else "sgd"
         else:  # with few frames the light of a smooth field behind a lens meets the center of the SLM alone
             smooth = method in JOINT_METHODS and field.hologram.in_air is not field.hologram
         if smooth and randomness is None and self.start == "arg":

@@ -35,8 +35,9 @@ MIN_STEPS = 12, 20
 # towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
 # (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
 SHORT_DESCENT_FRAMES, SHORT_DESCENT_STEPS, MIN_SHORT_DESCENT_STEPS = 16, 45, 8
-# Gains of `DEFAULT_EFFORT` over `joint`, and of `FULL_EFFORT` over that; the same measurement
-GAINS = "up to 4 dB", "up to 2 dB"
+# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement), and of `DEFAULT_EFFORT`
+# over fewer steps (Few frames)
+GAINS = "up to 4 dB", "up to 2 dB", "up to 3 dB"
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class EncodingPlan:
         """Sentence on the gain of more seconds; empty where that is hardly anything."""
         if self.better is None:
             return ""
-        gain = GAINS[self.method == "refine"]
+        gain = GAINS[0 if self.method != "refine" else 1 if self.steps else 2]
         return f"{_seconds(self.better)} of encoding would gain {gain} on scenes like those measured."
 
     def memory_warnings(self) -> list[str]:
@@ -142,7 +143,8 @@ def plan_encoding(
     randomness = _randomness(plan, eyebox)
     choice = _choose(plan, method, seconds, co_traced, eyebox, randomness)
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
-    if choice.method != "refine" or randomness is None:
+    begins_so = choice.method == "refine" or choice.method == "joint" != method
+    if not begins_so or randomness is None:
         return choice
     if plan.requested.randomness is not None and frames >= DESIGNED_STARTS:
         start = f"phases begin with randomness {randomness:g}, as asked"
@@ -240,7 +242,7 @@ def _short_descent(plan, method, seconds, co_traced):
     if costs.limit_seconds(frames, SHORT_DESCENT_STEPS) <= seconds:
         return None
     if (
-        costs.of_whole_pupil(with_single_frames=False).limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
+        costs.of_whole_pupil().without_single_frames().limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
         > seconds
     ):
         return None
@@ -268,13 +270,15 @@ def _choose(plan, method, seconds, co_traced, eyebox, randomness):
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
     if settings.frames >= DESIGNED_STARTS and not eyebox:
-        costs = costs.of_whole_pupil(with_single_frames=randomness is None)
+        costs = costs.of_whole_pupil()
+    if randomness is not None:
+        costs = costs.without_single_frames()
     if seconds is None:
         return _choose_unlimited(plan, method, costs, eyebox, randomness)
-    return _choose_within(plan, method, seconds, costs)
+    return _choose_within(plan, method, seconds, costs, eyebox)
 
 
-def _choose_within(plan, method, seconds, costs):
+def _choose_within(plan, method, seconds, costs, eyebox):
     """Choose by a time limit: `refine` with as many extra frames as fit, or what is left without them."""
     frames = costs.frames_within(seconds)
     if frames or method == "refine":
@@ -283,8 +287,14 @@ def _choose_within(plan, method, seconds, costs):
         if plan.traversals == 1 and frames > costs.co_traced:
             # with one traversal for all wavelengths frames are added until the time is over
             frames = costs.first_frames + EXTRA_SETS[0] * SETS[-1]
+        enough = costs.effort_limit_seconds(*DEFAULT_EFFORT)
+        if seconds < enough:
+            return EncodingPlan("refine", frames, 0, seconds, reason, _rounded_up(enough))
+        if step_limit(costs.frames, eyebox) < MAX_STEPS:
+            reason += "; more would not show more"
         return EncodingPlan("refine", frames, 0, seconds, reason)
-    method = "joint" if costs.frames > 1 and costs.joint_limit_seconds <= seconds else "sgd"
+    joins = costs.frames > 1 or costs.smooth_start
+    method = "joint" if joins and costs.joint_limit_seconds <= seconds else "sgd"
     needed = _seconds(costs.refine_limit_seconds)
     reason = f"extra frames of the same light, which show more, take {needed} to be worth it"
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
@@ -340,11 +350,14 @@ class _EncodingCosts:
         Frames of the hologram.
     co_traced : int
         Extra frames that the render co-traces.
+    smooth_start : bool
+        Whether descents begin with phases of their own, without `sgd`.
     """
 
     seconds: dict[str, float]
     frames: int
     co_traced: int
+    smooth_start: bool = False
 
     @property
     def first_frames(self) -> int:
@@ -359,7 +372,7 @@ class _EncodingCosts:
     @property
     def refine_limit_seconds(self) -> float:
         """Minimum time limit at which `refine` pays off."""
-        return self.limit_seconds(self.first_frames, self._min_steps)
+        return self.limit_seconds(self.first_frames, self._min_steps(self.first_frames))
 
     def effort_limit_seconds(self, frames: int, steps: int) -> float:
         """Time limit for about so many extra frames, in whole sets, and steps."""
@@ -369,18 +382,20 @@ class _EncodingCosts:
     def frames_within(self, seconds: float) -> int:
         """Maximum extra frames that pay off within a time limit; 0 for none."""
         for count in (self.first_frames + sets * SETS[-1] for sets in EXTRA_SETS):
-            if self.limit_seconds(count, self._min_steps) <= seconds:
+            if self.limit_seconds(count, self._min_steps(count)) <= seconds:
                 return count
         return 0
 
-    def of_whole_pupil(self, with_single_frames: bool) -> _EncodingCosts:
-        """Costs without parts of the pupil, and with or without frames by themselves."""
+    def of_whole_pupil(self) -> _EncodingCosts:
+        """Costs without parts of the pupil."""
         looks = transforms(self.frames, 0.0) / transforms(self.frames, 1.0)
         steps = step_transforms(0.0) / step_transforms(1.0)
         changed = {"look": looks * self.seconds["look"], "step": steps * self.seconds["step"]}
-        if not with_single_frames:
-            changed["sgd"] = 0.0
         return replace(self, seconds=self.seconds | changed)
+
+    def without_single_frames(self) -> _EncodingCosts:
+        """Costs of descents that begin with phases of their own, and show a picture after few steps."""
+        return replace(self, seconds=self.seconds | {"sgd": 0.0}, smooth_start=True)
 
     def extra_frames_seconds(self, count: int) -> float:
         """Seconds of `count` extra frames; those that were not co-traced need paths and rays of their own."""
@@ -396,9 +411,10 @@ class _EncodingCosts:
         single = self.seconds["sgd"] + self.co_traced * self.seconds["frame"] + rays
         return single + self._joint_seconds(frames, steps)
 
-    @property
-    def _min_steps(self):
-        return MIN_STEPS[not self.co_traced]
+    def _min_steps(self, count):
+        """Steps that pay off towards `count` extra frames; the first ones of a smooth start need fewer."""
+        is_first = self.smooth_start and count == self.first_frames
+        return MIN_SHORT_DESCENT_STEPS if is_first else MIN_STEPS[not self.co_traced]
 
     def _joint_seconds(self, frames, steps):
         """Seconds of all frames together, towards extra frames and views of their own, evaluated twice."""

@@ -323,6 +323,21 @@ def test_colors_of_a_given_randomness_are_alike_by_the_clock(clock):
     assert all(each["steps"] > 0 for each in phase.report["stages"][1:])
 
 
+def test_one_smooth_frame_is_not_asked_for_what_phases_cannot_be():
+    """Without the scene, too, its pictures are the target; of random phases the field is."""
+    rows, columns = np.indices((32, 32)) / 32
+    flat = (0.4 + 0.5 * rows + 0.3 * np.sin(9 * columns))[None, None].astype(complex)
+    stages = [
+        [stage["stage"] for stage in engine.encode(wave_field(data), **how).report["stages"]]
+        for data, how in (
+            (flat, {"max_steps": 5}),
+            (flat, {"max_steps": 5, "supervision": "amplitude"}),
+            (smooth(1, shape=(32, 32)), {"max_steps": 5}),
+        )
+    ]
+    assert stages == [["joint"], ["sgd"], ["sgd"]]
+
+
 def test_no_step_is_taken_that_is_not_worth_its_time():
     """Phases are those of `sgd` where there is no time to look at all views."""
     phase = engine.encode(wave_field(smooth(4, shape=(96, 96))), "joint", seconds=1e-3)

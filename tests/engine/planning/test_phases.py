@@ -153,6 +153,19 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert chosen(frames=2, phase_field="designed").randomness is None
 
 
+def test_few_frames_in_few_seconds():
+    """Few steps towards few extra frames show more than any other encoding; without them all frames go together."""
+    for frames in (1, 3):
+        found = {seconds: chosen(frames=frames, seconds=seconds) for seconds in (0.5, 2, 5, 60)}
+        assert [each.method for each in found.values()] == ["sgd", "joint", "refine", "refine"]
+        assert found[0.5].randomness is None  # for there is no time
+        assert len({each.randomness for each in found.values()} - {None}) == 1
+        assert found[2].advice and "up to 3 dB" in found[5].advice and not found[60].advice
+        assert ("more would not show more" in found[60].reason) == (frames == 3)
+    assert chosen("joint", frames=3).randomness is None  # as asked, from the field's phases
+    assert chosen(frames=3, method="rgbd").randomness == 0.1
+
+
 def test_many_frames_for_the_whole_pupil_alone_begin_as_few_do():
     """Only if that is asked for, and no phase field is; a render traces extra frames along, in few seconds, too."""
     found = chosen(frames=8, eyebox=0.0)
