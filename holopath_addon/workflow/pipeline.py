@@ -412,7 +412,7 @@ def phases_by_card(work, data, needed=None):
 
 
 def encoding_notes(phase):
-    """What a user should know of phases: what more seconds would bring, and the encoder's own advice.
+    """Notes for the user on phases: what more seconds would bring, and the encoder's own advice.
 
     Parameters
     ----------

@@ -35,9 +35,9 @@ MIN_STEPS = 12, 20
 # towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
 # (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
 SHORT_DESCENT_FRAMES, SHORT_DESCENT_STEPS, MIN_SHORT_DESCENT_STEPS = 16, 45, 8
-# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement), and of `DEFAULT_EFFORT`
-# over fewer steps (Few frames)
-GAINS = "up to 4 dB", "up to 2 dB", "up to 3 dB"
+# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement), of `DEFAULT_EFFORT` over
+# fewer steps, and over `joint` of few frames (Few frames)
+GAINS = "up to 4 dB", "up to 2 dB", "up to 3 dB", "up to 10 dB"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,10 @@ class EncodingPlan:
         """Sentence on the gain of more seconds; empty where that is hardly anything."""
         if self.better is None:
             return ""
-        gain = GAINS[0 if self.method != "refine" else 1 if self.steps else 2]
+        if self.method == "refine":
+            gain = GAINS[1 if self.steps else 2]
+        else:
+            gain = GAINS[0 if self.randomness is None else 3]
         return f"{_seconds(self.better)} of encoding would gain {gain} on scenes like those measured."
 
     def memory_warnings(self) -> list[str]:

@@ -160,7 +160,7 @@ def test_few_frames_in_few_seconds():
         assert [each.method for each in found.values()] == ["sgd", "joint", "refine", "refine"]
         assert found[0.5].randomness is None  # for there is no time
         assert len({each.randomness for each in found.values()} - {None}) == 1
-        assert found[2].advice and "up to 3 dB" in found[5].advice and not found[60].advice
+        assert "up to 10 dB" in found[2].advice and "up to 3 dB" in found[5].advice and not found[60].advice
         assert ("more would not show more" in found[60].reason) == (frames == 3)
     assert chosen("joint", frames=3).randomness is None  # as asked, from the field's phases
     assert chosen(frames=3, method="rgbd").randomness == 0.1
