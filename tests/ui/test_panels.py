@@ -374,7 +374,7 @@ def test_progress_and_cancel(window, monkeypatch):
     assert "holopath.render_hologram" in row(window).all("operator", "operator")
     for name, factor, text in (
         ("starting", 0.0, "Starting Mitsuba…"),
-        ("rendering", 0.25, r"25% Wave tracing, \d+ s left"),
+        ("rendering", 0.25, r"25%, \d+ s left: Wave tracing"),
         ("canceling", 0.25, "Canceling…"),
         ("baking", 0.5, "50% Baking light in view"),
     ):

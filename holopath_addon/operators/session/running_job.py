@@ -13,13 +13,15 @@ def running():
 
 
 def progress_text(job):
-    """Describe the progress of a `Job`: ``42% Wave tracing, 12 s left``, ``Compiling…`` or ``Canceling…``."""
+    """Describe the progress of a `Job`: ``42%, 12 s left: Wave tracing``, ``Compiling…`` or ``Canceling…``."""
     activity, remaining = "Compiling" if job.compiling else job.message, job.remaining
     if job.canceling:
         return "Canceling…"
     if not job.done:
         return f"{activity}…"
-    return f"{job.done:.0%} {activity}" + ("" if remaining is None else f", {math.ceil(remaining)} s left")
+    # seconds first: a narrow panel cuts the end of a line off
+    left = "" if remaining is None else f", {math.ceil(remaining)} s left:"
+    return f"{job.done:.0%}{left} {activity}"
 
 
 def restore_window(deferred=False):
