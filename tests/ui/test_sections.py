@@ -107,7 +107,7 @@ MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
             True,
         ),
         ({}, ("Many Frames: About 17 s Memory: 200 MB", "4 frames average little speckle"), True),
-        ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
+        ({"limit_encoding": True}, ("Many Frames: About 20 s", "so many seconds", "100 steps"), True),
         (
             {"limit_encoding": True, "encode_seconds": 3.0},
             ("All Frames: About 3 s", "4.3 s to be worth it"),

@@ -115,7 +115,7 @@ def encode(
         For `refine`: ``extra_frames(progress)`` yields fields of extra frames of the same light, batch by batch, with
         the indices of their wavelengths; shape (frame, these wavelengths, y, x). See `engine.extra_frames`.
     seconds : float, optional
-        Time limit for all stages; all frames together take as many steps as fit. Default: none.
+        Time limit for all stages; all frames together take as many steps as fit, up to `max_steps`. Default: none.
     tolerance : float
         Relative decrease of the loss in a step, below which `sgd` ends.
     max_steps : int, optional

@@ -113,8 +113,8 @@ class EncodingOptions:
         method, randomness = self.method, self.randomness
         if method == "auto":
             is_plain = self.start == "arg" and self.supervision == "complex"
-            is_plain &= field.hologram.in_air is field.hologram
-            smooth = frames > 1 or (is_plain and is_smooth(field.data))
+            is_plain &= self.has_stop and field.hologram.in_air is field.hologram
+            smooth = frames > 1 or (is_plain and is_smooth([field.data[0, ...]]))
             method = "joint" if smooth else "sgd"
         else:  # with few frames the light of a smooth field behind a lens meets the center of the SLM alone
             smooth = method in JOINT_METHODS and field.hologram.in_air is not field.hologram

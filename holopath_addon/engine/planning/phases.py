@@ -15,7 +15,7 @@ from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings.choices import BASELINES, ENCODINGS
-from ..waves.phase_fields import DESIGNED_STARTS, SETS, randomness_for
+from ..waves.phase_fields import BEST_RANDOMNESS, DESIGNED_STARTS, SETS, randomness_for
 
 if TYPE_CHECKING:
     from ..hologram import Hologram
@@ -35,9 +35,9 @@ MIN_STEPS = 12, 20
 # towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
 # (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
 SHORT_DESCENT_FRAMES, SHORT_DESCENT_STEPS, MIN_SHORT_DESCENT_STEPS = 16, 45, 8
-# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement), of `DEFAULT_EFFORT` over
-# fewer steps, and over `joint` of few frames (Few frames)
-GAINS = "up to 4 dB", "up to 2 dB", "up to 3 dB", "up to 10 dB"
+# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement); of few frames at five foci,
+# of `DEFAULT_EFFORT` over fewer steps and over `joint` (Few frames)
+JOINT_GAIN, FULL_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (f"up to {gain} dB" for gain in (4, 2, 5, 10))
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,8 @@ class EncodingPlan:
         Reason for the method.
     better : float or None
         Time limit in seconds that would show more; None where it hardly would.
+    gain : str
+        Gain by that, in words.
     memory_bytes : float
         Estimated peak with the field; 0 without an estimate.
     randomness : float or None
@@ -72,6 +74,7 @@ class EncodingPlan:
     seconds: float
     reason: str
     better: float | None = None
+    gain: str = JOINT_GAIN
     memory_bytes: float = 0.0
     randomness: float | None = None
     eyebox: float = 1.0
@@ -81,11 +84,7 @@ class EncodingPlan:
         """Sentence on the gain of more seconds; empty where that is hardly anything."""
         if self.better is None:
             return ""
-        if self.method == "refine":
-            gain = GAINS[1 if self.steps else 2]
-        else:
-            gain = GAINS[0 if self.randomness is None else 3]
-        return f"{_seconds(self.better)} of encoding would gain {gain} on scenes like those measured."
+        return f"{_seconds(self.better)} of encoding would gain {self.gain} on scenes like those measured."
 
     def memory_warnings(self) -> list[str]:
         """Warn where the encoding fills memory; raise `InvalidInput` where the machine has too little."""
@@ -146,7 +145,8 @@ def plan_encoding(
     randomness = _randomness(plan, eyebox)
     choice = _choose(plan, method, seconds, co_traced, eyebox, randomness)
     choice = replace(choice, memory_bytes=plan.phases_memory.get(choice.method, 0.0), eyebox=eyebox)
-    begins_so = choice.method == "refine" or choice.method == "joint" != method
+    falls_back = choice.method == "joint" != method and plan.settings.method not in BASELINES
+    begins_so = choice.method == "refine" or (falls_back and _begins_smooth(randomness))
     if not begins_so or randomness is None:
         return choice
     if plan.requested.randomness is not None and frames >= DESIGNED_STARTS:
@@ -245,14 +245,16 @@ def _short_descent(plan, method, seconds, co_traced):
     if costs.limit_seconds(frames, SHORT_DESCENT_STEPS) <= seconds:
         return None
     if (
-        costs.of_whole_pupil().without_single_frames().limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
+        costs.of_whole_pupil().without_single_frames(True).limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
         > seconds
     ):
         return None
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
     randomness = randomness_for(settings.frames, eyebox=0.0)
-    return EncodingPlan("refine", frames, 0, seconds, reason, better, randomness=randomness, eyebox=0.0)
+    return EncodingPlan(
+        "refine", frames, 0, seconds, reason, better, STEPS_GAIN, randomness=randomness, eyebox=0.0
+    )
 
 
 def _choose(plan, method, seconds, co_traced, eyebox, randomness):
@@ -275,7 +277,7 @@ def _choose(plan, method, seconds, co_traced, eyebox, randomness):
     if settings.frames >= DESIGNED_STARTS and not eyebox:
         costs = costs.of_whole_pupil()
     if randomness is not None:
-        costs = costs.without_single_frames()
+        costs = costs.without_single_frames(_begins_smooth(randomness))
     if seconds is None:
         return _choose_unlimited(plan, method, costs, eyebox, randomness)
     return _choose_within(plan, method, seconds, costs, eyebox)
@@ -292,16 +294,19 @@ def _choose_within(plan, method, seconds, costs, eyebox):
             frames = costs.first_frames + EXTRA_SETS[0] * SETS[-1]
         enough = costs.effort_limit_seconds(*DEFAULT_EFFORT)
         if seconds < enough:
-            return EncodingPlan("refine", frames, 0, seconds, reason, _rounded_up(enough))
-        if step_limit(costs.frames, eyebox) < MAX_STEPS:
-            reason += "; more would not show more"
+            return EncodingPlan("refine", frames, 0, seconds, reason, _rounded_up(enough), STEPS_GAIN)
+        limit = step_limit(costs.frames, eyebox)
+        if limit < MAX_STEPS:
+            reason += f"; more than {limit} steps would show less"
+            seconds = min(seconds, costs.refine_seconds(frames, limit))
         return EncodingPlan("refine", frames, 0, seconds, reason)
     joins = costs.frames > 1 or costs.smooth_start
     method = "joint" if joins and costs.joint_limit_seconds <= seconds else "sgd"
     needed = _seconds(costs.refine_limit_seconds)
     reason = f"extra frames of the same light, which show more, take {needed} to be worth it"
     better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
-    return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better)
+    gain = FEW_FRAMES_GAIN if costs.smooth_start and costs.frames < DESIGNED_STARTS else JOINT_GAIN
+    return EncodingPlan(method, 0, 0, _limited(plan.phases[method], seconds), reason, better, gain)
 
 
 def _choose_unlimited(plan, method, costs, eyebox, randomness):
@@ -319,7 +324,7 @@ def _choose_unlimited(plan, method, costs, eyebox, randomness):
     enough = full or randomness is not None
     better = None if enough else _rounded_up(costs.effort_limit_seconds(*FULL_EFFORT))
     seconds = costs.refine_seconds(extra_frames, steps)
-    return EncodingPlan("refine", extra_frames, steps, seconds, reason, better)
+    return EncodingPlan("refine", extra_frames, steps, seconds, reason, better, FULL_GAIN)
 
 
 def _randomness(plan, eyebox):
@@ -330,6 +335,11 @@ def _randomness(plan, eyebox):
     if settings.phase_field not in ("auto", "smooth"):
         return None
     return randomness_for(plan.settings.frames, eyebox)
+
+
+def _begins_smooth(randomness):
+    """Whether phases of a randomness are nearly constant, as few steps need them."""
+    return randomness is not None and randomness <= max(BEST_RANDOMNESS)
 
 
 def _start_reason(frames, randomness, eyebox):
@@ -354,7 +364,7 @@ class _EncodingCosts:
     co_traced : int
         Extra frames that the render co-traces.
     smooth_start : bool
-        Whether descents begin with phases of their own, without `sgd`.
+        Whether descents begin with nearly constant phases, and show a picture after few steps.
     """
 
     seconds: dict[str, float]
@@ -396,9 +406,9 @@ class _EncodingCosts:
         changed = {"look": looks * self.seconds["look"], "step": steps * self.seconds["step"]}
         return replace(self, seconds=self.seconds | changed)
 
-    def without_single_frames(self) -> _EncodingCosts:
-        """Costs of descents that begin with phases of their own, and show a picture after few steps."""
-        return replace(self, seconds=self.seconds | {"sgd": 0.0}, smooth_start=True)
+    def without_single_frames(self, smooth_start: bool) -> _EncodingCosts:
+        """Costs of descents that begin with phases of a randomness, instead of frames by themselves."""
+        return replace(self, seconds=self.seconds | {"sgd": 0.0}, smooth_start=smooth_start)
 
     def extra_frames_seconds(self, count: int) -> float:
         """Seconds of `count` extra frames; those that were not co-traced need paths and rays of their own."""

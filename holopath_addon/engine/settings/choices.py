@@ -133,7 +133,7 @@ ENCODINGS = choices(
         "auto",
         "Automatic",
         "The best in the given seconds: Many Frames where the scene is available, otherwise All Frames, or Each "
-        "Frame for one frame",
+        "Frame for one frame of random phases",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
