@@ -576,7 +576,7 @@ def _calibration(path: Path) -> Iterator[dict]:
         raise InvalidInput(f"The calibration {path}: {error}") from None
     except Exception as error:  # a file may hold anything
         reason = f"it lacks {error}" if isinstance(error, KeyError) else _reason(error)
-        if isinstance(error, json.JSONDecodeError):
+        if isinstance(error, json.JSONDecodeError) and path.suffix.lower() != ".json":
             reason = "it is not JSON; a table of levels goes into a calibration by its name, as a response's `file`"
         raise InvalidInput(
             f"The calibration {path} cannot be read ({reason}). See docs/slm.md for its format."

@@ -581,6 +581,17 @@ def test_foreign_files(content, tmp_path):
         Calibration.load(tmp_path / "missing.json")
 
 
+def test_a_table_or_a_slip_in_place_of_a_calibration(tmp_path):
+    """A table of levels is told from JSON with a slip, whose place is named."""
+    for name, content, says in (
+        ("lut.txt", "0 0\n1 0.02\n", "a table of levels goes into a calibration"),
+        ("slip.json", '{\n"format" 1}', "line 2"),
+    ):
+        (tmp_path / name).write_text(content)
+        with refused(says):
+            Calibration.load(tmp_path / name)
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

@@ -16,7 +16,7 @@ import scipy.ndimage
 
 from ..mapping import DepthMapping, squared
 from ..settings.choices import BASELINES
-from ..waves.panels import propagated
+from ..waves.panels import propagate_fields
 from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import OPTIMIZATION_GUARD
 
@@ -139,6 +139,6 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     square = hologram.picture
     waves = module.field(job.of_pictures, progress)
     out = np.empty((*waves.shape[:2], hologram.height, hologram.width), np.complex64)
-    for k, m, wave in propagated(waves, square, 0.0, display=hologram, guard=OPTIMIZATION_GUARD):
+    for k, m, wave in propagate_fields(waves, square, 0.0, display=hologram, guard=OPTIMIZATION_GUARD):
         out[m, k] = wave
     return out

@@ -29,7 +29,7 @@ import numpy as np
 from ..hologram import channel
 from ..progress import named, parts
 from ..scene.rays import Rays, intersect
-from ..tracing.wave_kernel import wrapped
+from ..tracing.wave_kernel import wrap_index
 from ..viewing.preview import path_tracer
 from ..waves.propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
 from ..waves.supervision import FramePool
@@ -220,7 +220,7 @@ class _LightField:
         height = mi.UInt32(dr.round(dr.abs(dz) * ((HEIGHTS - 1) / self.reach)))
         amplitude = dr.gather(mi.Float, self.gain, height) * dr.sqrt(dr.maximum(light / self.paths, 0))
         height, width = job.shape
-        cell = wrapped(mi.Int(row + down), height) * width + wrapped(mi.Int(column + right), width)
+        cell = wrap_index(mi.Int(row + down), height) * width + wrap_index(mi.Int(column + right), width)
         real, imaginary = amplitude * cosine, amplitude * sine
         dr.eval(real, imaginary, cell)
         shape = self.count, rows, self.columns

@@ -33,7 +33,7 @@ JOINT_STEPS = {"joint": 100, "refine": 400}  # in each wavelength, without a lim
 SMOOTH = 0.8  # correlation of a field's neighboring pixels; of random phases that fill the band it is 0.2
 # Number of steps after which few frames, which begin with light all over the pupil, lose it in parts that hardly count:
 # 800 steps instead of 100 cost 5 dB in the mean of views (docs/measurements.md, Few frames).
-FEW_FRAMES_STEPS = 100
+MAX_AIMED_STEPS = 100
 
 
 def eyebox_for(frames: int) -> float:
@@ -60,7 +60,7 @@ def step_limit(frames: int, eyebox: float) -> int:
         `MAX_STEPS` where more show more, or hardly less.
     """
     are_few = MIN_AIMED_FRAMES <= frames < DESIGNED_STARTS
-    return FEW_FRAMES_STEPS if are_few and eyebox <= eyebox_for(frames) else MAX_STEPS
+    return MAX_AIMED_STEPS if are_few and eyebox <= eyebox_for(frames) else MAX_STEPS
 
 
 def is_smooth(waves: Iterable[Array]) -> bool:

@@ -545,7 +545,7 @@ def _scene_warnings(survey: Survey) -> list[str]:
     lost = survey.hologram.lost_light(farthest)
     if lost:
         warnings.append(
-            f"{lost}; bring the depth range nearer to {survey.hologram.origin}, such as -4 to 1 mm, or use more pixels."
+            f"{lost}; bring the depth range nearer to {survey.hologram.origin} or use more pixels."
         )
     return warnings
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..hologram import AerialImage
 from ..progress import Stages, named, parts, stage
 from ..waves import arrays, despeckle, lens, libraries
-from ..waves.panels import propagated
+from ..waves.panels import propagate_fields
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
         out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
     frames = field.shape[0]
     with recording.clock("propagation"):
-        for k, m, wave in propagated(field, hologram, -recording.plan.z_gathered, display=pixels):
+        for k, m, wave in propagate_fields(field, hologram, -recording.plan.z_gathered, display=pixels):
             out[m, k, ...] = wave
             step = (k * frames + m + 1) / (frames * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
@@ -155,7 +155,7 @@ def _in_scene(recording, tracing, number, progress):
             images = arrays.zeros(shape, "complex64", on)
             tracing.add(number, plane, images, part)
             with recording.clock("propagation"):
-                for k, m, wave in propagated(images, hologram, z - plane.z, carried=False):
+                for k, m, wave in propagate_fields(images, hologram, z - plane.z, carried=False):
                     on_propagation(1.0)
                     field[m, k, ...] += wave
             continue
@@ -163,10 +163,10 @@ def _in_scene(recording, tracing, number, progress):
             # the wave from behind passes the silhouette where the surfaces of this slab begin
             clear = arrays.like(np.sqrt(1 - recording.silhouette(plane)), on)
             with recording.clock("propagation"):
-                for k, m, wave in propagated(field, hologram, plane.low - z, carried=False):
+                for k, m, wave in propagate_fields(field, hologram, plane.low - z, carried=False):
                     on_propagation(0.0)
                     field[m, k, ...] = wave * clear
-                for k, m, wave in propagated(field, hologram, plane.z - plane.low, carried=False):
+                for k, m, wave in propagate_fields(field, hologram, plane.z - plane.low, carried=False):
                     on_propagation(0.0)
                     field[m, k, ...] = wave
         z = plane.z

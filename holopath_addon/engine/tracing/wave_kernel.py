@@ -86,8 +86,8 @@ class PhasorMaps:
 
     def at(self, column: mi.Int, row: mi.Int) -> list:
         """Phasors at a column and row, which may lie outside of the period; see `gather_phasors`."""
-        index = wrapped(row, self.rows) * self.columns
-        index += wrapped(column, self.columns)
+        index = wrap_index(row, self.rows) * self.columns
+        index += wrap_index(column, self.columns)
         return gather_phasors(self.buffer, mi.UInt32(index), self.frames)
 
 
@@ -231,7 +231,7 @@ def _collect(field, frames, colors, count, like):
     return values
 
 
-def wrapped(index: mi.Int, size: int) -> mi.Int:
+def wrap_index(index: mi.Int, size: int) -> mi.Int:
     """Index modulo size, not negative: the phase maps are periodic."""
     rest = index % size
     return dr.select(rest < 0, rest + size, rest)

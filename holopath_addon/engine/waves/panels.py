@@ -66,7 +66,7 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
     return replace(field, data=data, hologram=after, extra_frames=None)
 
 
-def propagated(
+def propagate_fields(
     field: Array,
     hologram: Hologram | AerialImage,
     distance: float,
