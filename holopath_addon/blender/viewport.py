@@ -193,7 +193,7 @@ class Viewport:
             draw_texture_2d(self._texture, (left, bottom), width, height)
         if self.unfinished:
             _wake()
-        return self._complaint or self._error
+        return self._complaint or self._error or _ignored(context.space_data)
 
     @property
     def unfinished(self):
@@ -324,6 +324,15 @@ def refine(viewed, view, show, progress):
         start = time.monotonic()
         show(preview.refine(spp, check))
         check()
+
+
+def _ignored(space):
+    """Message on what a 3D View hides, but its image shows; empty without any."""
+    if space.local_view is not None:
+        return "HoloPath shows all objects of the view layer, in Local View, too."
+    if space.use_local_collections:
+        return "HoloPath shows all collections of the view layer, whatever this view hides."
+    return ""
 
 
 def view_of(context, depsgraph, shrink):

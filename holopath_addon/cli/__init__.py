@@ -312,6 +312,8 @@ def _reconstruct(args):
         raise engine.InvalidInput(
             "Options of a display, and its beam, are for stored phases. Add --hologram."
         )
+    if args.focus and args.distances:
+        raise engine.InvalidInput("Expected either --focus or --distances, got both. Omit one of them.")
     field = _light_of_phases(args, folder) if args.hologram else on_bench(output.stored_field(folder), args)
     report = output.read_report(folder)
     focus = args.focus or _depths(args.distances, field) or [float(f) for f in report.get("focus_m", [])]

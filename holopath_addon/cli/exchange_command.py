@@ -208,12 +208,15 @@ def _container(files, array):
     return exchange.read_parts(dict(files), array), None
 
 
-def _convention(args, default=None):
-    """Convention by the options; None without them and a default."""
+def _convention(args, name):
+    """Convention of a name, with the options' changes."""
+    return replace(exchange.CONVENTIONS[name], **_changes(args))
+
+
+def _changes(args):
+    """Fields of a convention that the options set."""
     changes = {"axes": args.axes, "time": args.time, "rows": args.row_0}
-    changes = {name: value for name, value in changes.items() if value is not None}
-    base = exchange.CONVENTIONS[args.convention] if args.convention else default
-    return replace(base or exchange.Convention(), **changes) if base or changes else None
+    return {name: value for name, value in changes.items() if value is not None}
 
 
 def _export(args):
@@ -226,8 +229,8 @@ def _export(args):
     given = [name for name in PRINT_OPTIONS if getattr(args, name) is not None]
     if given:
         raise engine.InvalidInput(f"Expected --interference with --{given[0]}. Add it, or omit --{given[0]}.")
-    matlab = exchange.CONVENTIONS["matlab"] if file.suffix.lower() == ".mat" else None
-    container = exchange.container_of(thing, _convention(args, matlab))
+    usual = "matlab" if file.suffix.lower() == ".mat" else "holopath"
+    container = exchange.container_of(thing, _convention(args, args.convention or usual))
     progress(0.1, "Writing")
     exchange.write(file, container)
     progress(1.0, f"Done: {file}")
@@ -235,7 +238,7 @@ def _export(args):
 
 def _print(args, thing, file, progress):
     """Write the amplitude hologram of a frame at one wavelength."""
-    if _convention(args) is not None:
+    if args.convention or _changes(args):
         raise engine.InvalidInput("A print has no convention. Omit --convention, --axes, --time and --row-0.")
     hologram = thing.hologram
     frame, color = _frame(args.frame, len(thing.data)), _color(args.wavelength, hologram.wavelengths)
@@ -316,18 +319,18 @@ def _import(args):
     container, array = _container(args.files, args.array)
     options = exchange.ReadOptions(
         array,
-        _convention(args),
+        _convention(args, args.convention) if args.convention else _changes(args),
         args.pitch,
         args.wavelengths and [nm * 1e-9 for nm in args.wavelengths],
         args.depth_range and tuple(mm * 1e-3 for mm in args.depth_range),
         args.near,
-        args.fov and math.radians(args.fov),
+        None if args.fov is None else math.radians(args.fov),
         args.at and args.at * 1e-3,
         args.bits,
         args.units,
         args.transfer,
         args.packing,
-        engine.Optics(**changes) if (changes := optics_changes(args)) else None,
+        optics_changes(args),
     )
     thing = exchange.hologram_of(container, options)
     thing = replace(thing, hologram=with_colors(thing.hologram, args))

@@ -785,6 +785,10 @@ def check_encoding(args, settings, hologram):
         )
     if levels is not None and args.bits is not None:
         raise engine.InvalidInput("Measured levels have their own number. Omit --bits.")
+    if method == "none" and not (args.bits is None and args.response is None):
+        raise engine.InvalidInput(
+            "--bits and --response are for phases, and none are requested. Add --encode auto, or omit them."
+        )
     for name in ("correction", "variation") if display is not None else ():
         if any(getattr(each, name, None) is not None for each in levels or ()):
             raise engine.InvalidInput(

@@ -1,5 +1,6 @@
 """Commands for the SLM: stream, focus, calibrate, tune, devices."""
 
+import math
 import tempfile
 import threading
 import time
@@ -96,7 +97,6 @@ def add(command):
     group(
         "--kind",
         choices=KINDS,
-        default=KINDS[0],
         help="one file per picture (png, default), one file of all (raw), a lossless video (video), or one for each "
         "color (video-per-color); videos need --rate and the program ffmpeg",
     )
@@ -298,6 +298,7 @@ def _stream(args):
         raise engine.InvalidInput(
             f"Expected a pulse of 1 to {2**32 - 1} microseconds, got {args.pulse}. Give another --pulse."
         )
+    _refuse_unused(args)
     holograms = output.stored_holograms(args.folder)
     calibration = slm.Calibration.load(args.calibration) if args.calibration else None
     falling = args.falling
@@ -340,6 +341,21 @@ def _stream(args):
     progress(1.0, f"Done: {counts}; {driver.info.name}{', ' * bool(driver.info.note)}{driver.info.note}")
 
 
+def _refuse_unused(args):
+    """Refuse options that would have no effect."""
+    on_device = args.driver not in ("files", "virtual")
+    for flag, is_given, has_effect, remedy in (
+        ("--out", args.out is not None, args.driver == "files", "Add --driver files"),
+        ("--kind", args.kind is not None, args.driver == "files", "Add --driver files"),
+        ("--camera", args.camera is not None, args.captures, "Add --captures DIR"),
+        ("--focus-planes", args.focus_planes is not None, args.captures, "Add --captures DIR"),
+        ("--order", args.order != "RGB", args.packing != "time", "Add --packing color"),
+        ("--loops", args.loops is not None, not (args.captures and on_device), "Omit --captures"),
+    ):
+        if is_given and not has_effect:
+            raise engine.InvalidInput(f"{flag} would have no effect here. {remedy}, or omit it.")
+
+
 class _Watch:
     """Reports counts as progress, and the loss of the device in remarks."""
 
@@ -363,7 +379,7 @@ class _Watch:
 
 def _driver(args, sequence):
     if args.driver == "files":
-        return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind, sequence)
+        return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind or KINDS[0], sequence)
     if args.driver == "virtual":
         # An SLM without errors relative to its calibration.
         return slm.VirtualDriver(
@@ -664,6 +680,8 @@ def _tune(args):
 @contextmanager
 def _bench(args, window, planes, distances, size=None):
     """Function ``capture(levels, distance)`` of `slm.calibrate`, for levels of the window or of that size."""
+    if not 0 <= args.settle < math.inf:
+        raise engine.InvalidInput(f"Expected a --settle of 0 s or more, got {args.settle:g} s.")
     slm.packing_of(args.packing).require(window.bits)
     if args.driver == "virtual":
         camera = round(1.4 * window.side)

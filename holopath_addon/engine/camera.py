@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import InvalidInput
+from .errors import InvalidInput, real_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,6 +67,17 @@ class Camera:
         if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4):
             raise InvalidInput("Expected a rigid transform of the camera. Remove its scale and shear.")
         object.__setattr__(self, "to_world", matrix)
+        names = "fov_x", "shift_x", "shift_y", "clip_start", "clip_end"
+        values = real_numbers([getattr(self, name) for name in names], "the camera's view")
+        for name, value in zip(names, values, strict=True):
+            object.__setattr__(self, name, value)
+        if not (
+            math.isfinite(self.shift_x) and math.isfinite(self.shift_y) and self.clip_start <= self.clip_end
+        ):
+            raise InvalidInput(
+                "Expected finite shifts of the camera, and a clipping range that ends after its start, got shifts "
+                f"{self.shift_x:g}, {self.shift_y:g} and {self.clip_start:g} to {self.clip_end:g} m."
+            )
         if not 0.0 < self.fov_x < np.pi:
             raise InvalidInput(
                 f"Expected a field of view of the camera between 0 and 180 degrees, got {np.degrees(self.fov_x):g}. "

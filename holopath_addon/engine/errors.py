@@ -2,9 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class InvalidInput(ValueError):
     """Scene, display or settings that cannot be used; the message says what was expected and what to do."""
+
+
+def real_numbers(values: Any, what: str) -> tuple[float, ...]:
+    """Numbers of any type as floats.
+
+    Parameters
+    ----------
+    values : iterable of number
+    what : str
+        Name of the numbers for the message.
+
+    Raises
+    ------
+    InvalidInput
+        If they are not numbers.
+    """
+    try:
+        return tuple(map(float, values))
+    except (TypeError, ValueError):
+        raise InvalidInput(f"Expected {what} as a list of numbers, got {values!r:.60}.") from None
 
 
 class BackendUnavailable(RuntimeError):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from .errors import InvalidInput
+from .errors import InvalidInput, real_numbers
 from .optics import ON_AXIS, Lens, Optics
 from .pixels import EvenSteps, Pitch, Raster, axes, coarsest
 from .settings.choices import DEPTH_MAPPINGS
@@ -20,6 +21,7 @@ DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
 SHORTER_PIXELS, PIXEL = 512, 8e-6  # the same in pixels
 SAME = 1e-9  # meters: planes that are nearer to each other are the same
 LITTLE = 1e-6  # of a pixel: tolerance for rounding
+MAX_PIXELS = 1 << 26
 MIN_CAPTURED = 0.9  # fraction of the light through the aperture below which borders are visibly dark
 
 
@@ -75,12 +77,13 @@ class Hologram:
     optics: Optics = field(default_factory=Optics)
 
     def __post_init__(self):
-        object.__setattr__(self, "wavelengths", tuple(float(w) for w in self.wavelengths))
+        object.__setattr__(self, "wavelengths", real_numbers(self.wavelengths, "wavelengths"))
+        self._set_numbers()
         if self.width < 1 or self.height < 1:
             raise InvalidInput(
                 f"Expected a resolution of at least 1 x 1 pixels, got {self.width} x {self.height}."
             )
-        if self.width * self.height > 1 << 26:
+        if self.width * self.height > MAX_PIXELS:
             raise InvalidInput(
                 f"Expected a resolution of up to 67 megapixels, got {self.width} x {self.height} pixels."
             )
@@ -117,6 +120,19 @@ class Hologram:
         if self.near is not None and not (math.isfinite(self.near) and self.near > 0):
             raise InvalidInput(f"Expected a positive distance of the scene's near end, got {self.near:g} m.")
         self.optics.check((self.height, self.width), self.pitch, self.wavelengths)
+
+    def _set_numbers(self):
+        """Set numbers of any type to those of Python, which JSON has."""
+        for name in ("width", "height"):
+            try:
+                object.__setattr__(self, name, operator.index(getattr(self, name)))
+            except TypeError:
+                raise InvalidInput(
+                    f"Expected whole numbers of pixels, got {self.width} x {self.height}."
+                ) from None
+        for name in ("depth_far", "depth_near", "near"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, *real_numbers([getattr(self, name)], name))
 
     def _check_lens(self):
         """Check that the lens fits the other values."""
@@ -492,7 +508,7 @@ def _aerial_pitch(hologram):
 
 def _pitch(pitch):
     """Pitch as one number, or as two for pixels that are not square."""
-    pair = tuple(map(float, pitch)) if isinstance(pitch, (tuple, list)) else (pitch, pitch)
+    pair = real_numbers(pitch if np.ndim(pitch) else (pitch, pitch), "the pixel pitch")
     if len(pair) != 2:
         raise InvalidInput(f"Expected one pixel pitch, or one in x and one in y, got {len(pair)}.")
     for each in pair:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InvalidInput
-from .hologram import AerialImage
+from .hologram import MAX_PIXELS, AerialImage
 
 if TYPE_CHECKING:
     from typing import Any
@@ -144,20 +144,37 @@ def traced(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
     return _widen_view(camera, picture.whole.width / picture.width), picture.whole
 
 
-def pixels_beside(hologram: Hologram) -> int:
-    """Number of pixels beyond each edge through which light of the volume crosses the aperture.
-
-    0 if the border has more than `MAX_BORDER_FRACTION` of the picture's pixels.
+def border_pixels(hologram: Hologram, camera: Camera, near: float) -> int:
+    """Number of pixels at an edge through which light of the volume's farther end passes.
 
     Parameters
     ----------
     hologram : Hologram
         Grid of square pixels.
+    camera : Camera
+    near : float
+        World depth of the volume's near end, meters.
     """
-    farthest = max(abs(hologram.depth_far), abs(hologram.depth_near))
-    beside = math.ceil(hologram.widest_slope * farthest / hologram.pitch)
+    far, z_near = hologram.depth_far, hologram.depth_near
+    if hologram.depth_mapping == "eyepiece":
+        z_near = float(DepthMapping.of(hologram, camera).depth_to_z(near))
+    return math.ceil(hologram.widest_slope * max(abs(far), abs(z_near)) / hologram.pitch_x)
+
+
+def pixels_beside(hologram: Hologram, camera: Camera, near: float) -> int:
+    """Number of pixels beyond each edge through which light of the volume crosses the aperture.
+
+    0 if the border has more than `MAX_BORDER_FRACTION` of the picture's pixels, or the grid would be too large.
+
+    Parameters
+    ----------
+    hologram, camera, near
+        See `border_pixels`.
+    """
+    beside = border_pixels(hologram, camera, near)
     pixels = (hologram.width + 2 * beside) * (hologram.height + 2 * beside)
-    return beside if pixels <= (1 + MAX_BORDER_FRACTION) * hologram.width * hologram.height else 0
+    largest = min((1 + MAX_BORDER_FRACTION) * hologram.width * hologram.height, MAX_PIXELS)
+    return beside if pixels <= largest else 0
 
 
 def widened(camera: Camera, hologram: Hologram, beside: int) -> tuple[Camera, Hologram]:

@@ -14,13 +14,14 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.ndimage
 
-from .errors import InvalidInput
+from .errors import InvalidInput, real_numbers
 from .pixels import Pitch, axes, coarsest, frequencies
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ class Beam:
             raise InvalidInput(
                 f"Expected a kind of beam, got '{self.kind}'. Choose one of {', '.join(BEAMS)}."
             )
-        numbers, (counts, what) = tuple(map(float, self.numbers)), BEAMS[self.kind]
+        numbers, (counts, what) = real_numbers(self.numbers, "the numbers"), BEAMS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
         good &= (self.kind == "measured") == (self.measured is not None)
@@ -276,7 +277,7 @@ class Stop:
             raise InvalidInput(
                 f"Expected a kind of stop, got '{self.kind}'. Choose one of {', '.join(STOPS)}."
             )
-        numbers, (counts, what) = tuple(map(float, self.numbers)), STOPS[self.kind]
+        numbers, (counts, what) = real_numbers(self.numbers, "the numbers"), STOPS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
         good &= (self.kind == "measured") == (self.measured is not None)
@@ -440,7 +441,8 @@ class Optics:
         carrier = self.carrier
         if carrier is None:
             carrier = "auto" if self.stop.kind == "half" else (0.0, 0.0)
-        carrier = self.stop.middle() if carrier == "auto" else tuple(map(float, carrier))
+        is_auto = isinstance(carrier, str) and carrier == "auto"
+        carrier = self.stop.middle() if is_auto else real_numbers(carrier, "the carrier")
         if len(carrier) != 2 or not all(map(math.isfinite, carrier)) or math.hypot(*carrier) >= 1:
             given = ", ".join(f"{number:g}" for number in carrier)
             raise InvalidInput(
@@ -464,8 +466,10 @@ class Optics:
 
     def _set_colors(self):
         """Check the numbers of all colors, and set those to () that are all at their defaults."""
-        scale, distance = (tuple(map(float, each)) for each in (self.color_scale, self.color_distance))
-        shift = tuple(tuple(map(float, pair)) for pair in self.color_shift)
+        scale, distance = (real_numbers(getattr(self, name), name) for name in COLORS[:2])
+        if not all(map(np.ndim, self.color_shift)):
+            raise InvalidInput("Expected a pair of numbers for each color_shift, to the right and up.")
+        shift = tuple(real_numbers(pair, "color_shift") for pair in self.color_shift)
         for each in scale:
             if not SCALES[0] <= each <= SCALES[1]:
                 raise InvalidInput(
@@ -577,15 +581,7 @@ class Optics:
             return 0.0, 0.0, 1.0
         if self.stop.kind == "circle":
             return 0.0, 0.0, self._radius
-        inside = scipy.ndimage.distance_transform_edt(np.pad(self._open_grid(), 1))[1:-1, 1:-1]
-        rows, columns = np.nonzero(
-            inside > inside.max() - 1.5
-        )  # of the largest, the one nearest to the middle ray
-        step = 2 / (GRID - 1)
-        x, y = columns * step - 1, 1 - rows * step
-        middle = np.argmin(np.hypot(x, y))
-        radius = (inside[rows[middle], columns[middle]] - 0.5) * step
-        return float(x[middle]), float(y[middle]), float(radius)
+        return _largest_circle(self)
 
     def fraction_within(self, x: float, y: float, radius: float) -> float:
         """Fraction of the open area that is within a circle.
@@ -614,9 +610,11 @@ class Optics:
         Raises
         ------
         InvalidInput
-            If the beam does not fit, see `Beam.check`, or the numbers of colors and wavelengths differ.
+            If the beam does not fit, see `Beam.check`, its zero order passes an off-axis stop, or the numbers of
+            colors and wavelengths differ.
         """
         self.beam.check(shape, pitch, wavelengths)
+        self._check_zero_order(pitch, wavelengths)
         for name, each in (
             ("scale", self.color_scale),
             ("distance", self.color_distance),
@@ -630,6 +628,19 @@ class Optics:
             raise InvalidInput(
                 "Expected different wavelengths, because their colors differ in place. Give each wavelength once."
             )
+
+    def _check_zero_order(self, pitch, wavelengths):
+        """Check that an off-axis stop blocks the zero order, which goes where the beam does."""
+        if self.beam.kind != "tilt" or not any(self.carrier):
+            return
+        for wavelength in wavelengths:
+            zero = (math.sin(angle) * 2 * coarsest(pitch) / wavelength for angle in self.beam.numbers)
+            f_x, f_y = (np.asarray(g - c) for g, c in zip(zero, self.carrier, strict=True))
+            if self.open_at(f_x, f_y):
+                raise InvalidInput(
+                    f"The tilted beam's zero order passes the stop at {wavelength * 1e9:g} nm. Choose another carrier, "
+                    "tilt or stop."
+                )
 
     def illumination(
         self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0
@@ -707,6 +718,19 @@ def _part(kind, values, folder, name):
         word = name.partition(".")[0]
         raise InvalidInput(f"The array of the measured {word} is missing. Give it by --{word}.")
     return kind("measured", measured=np.load(folder / name, allow_pickle=False))
+
+
+@lru_cache(maxsize=8)  # panels draw it often
+def _largest_circle(optics):
+    inside = scipy.ndimage.distance_transform_edt(np.pad(optics._open_grid(), 1))[1:-1, 1:-1]
+    rows, columns = np.nonzero(
+        inside > inside.max() - 1.5
+    )  # of the largest, the one nearest to the middle ray
+    step = 2 / (GRID - 1)
+    x, y = columns * step - 1, 1 - rows * step
+    middle = np.argmin(np.hypot(x, y))
+    radius = (inside[rows[middle], columns[middle]] - 0.5) * step
+    return float(x[middle]), float(y[middle]), float(radius)
 
 
 def _positions(shape, pitch):

@@ -186,7 +186,7 @@ def _read_mat(path):
             continue
         elif value.dtype.kind == "U" and value.size == 1:
             container.attributes[name] = str(value.item())
-        elif value.dtype.kind in "fiub" and (value.ndim < 2 or min(value.shape) == 1):
+        elif value.dtype.kind in "fiub" and value.ndim <= 2 and min(value.shape, default=1) == 1:
             numbers = value.ravel().tolist()
             container.attributes[name] = numbers[0] if len(numbers) == 1 else numbers
         elif value.dtype.kind in NUMBERS:

@@ -46,8 +46,8 @@ class ReadOptions:
     array : str or mapping of str to str
         Name of the only array, or of the array of each role of `parts.ROLES`. Default: by the roles in the names, if
         they are unambiguous.
-    convention : Convention
-        Default: HoloPath's.
+    convention : Convention or mapping of str to Any
+        The whole convention, or fields of `Convention` that differ from the file's. Default: HoloPath's.
     pitch : float or (float, float)
         Pixel pitch, meters; (x, y) of pixels that are not square. Required.
     wavelengths : sequence of float
@@ -69,12 +69,12 @@ class ReadOptions:
     packing : str
         Packing of phases in a color picture: one of `PACKINGS`, or bits of its channels, see
         `engine.waves.bit_layout`. Default: three wavelengths.
-    optics : Optics
-        The bench around the SLM. Default: on-axis optics.
+    optics : Optics or mapping of str to Any
+        The bench around the SLM, or fields of `Optics` that differ from the file's. Default: on-axis optics.
     """
 
     array: str | Mapping[str, str] | None = None
-    convention: Convention | None = None
+    convention: Convention | Mapping[str, Any] | None = None
     pitch: Pitch | None = None
     wavelengths: Sequence[float] | None = None
     depth_range: tuple[float, float] | None = None
@@ -85,7 +85,7 @@ class ReadOptions:
     units: str | None = None
     transfer: str | None = None
     packing: str | None = None
-    optics: Optics | None = None
+    optics: Optics | Mapping[str, Any] | None = None
 
 
 def container_of(thing: WaveField | PhaseHologram, convention: Convention | None = None) -> Container:
@@ -149,7 +149,7 @@ def hologram_of(container: Container, options: ReadOptions | None = None) -> Wav
     main = next(role for role in (FIELD, PHASE, REAL) if role in selection.arrays)
     attributes = selection.attributes | selection.array_attributes[main]
     pitch, wavelengths = _grid(options, attributes)
-    convention = options.convention or _convention(attributes)
+    convention = _convention(attributes, options.convention)
     layers = _reorder(selection, convention, options, wavelengths)
     data = layers[main]
     if len(wavelengths) != data.shape[1]:
@@ -163,23 +163,26 @@ def hologram_of(container: Container, options: ReadOptions | None = None) -> Wav
     )
     mapping = str(attributes.get("depth_mapping", "fit"))
     height, width = data.shape[-2:]
-    optics = _optics(attributes, options)
+    optics = _optics(attributes, options.optics)
     # pyrefly: ignore[bad-argument-type]  # None for an end is its default
     hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping, optics=optics)
-    near = options.near or _number(attributes, "near_m") or DEFAULT_NEAR
+    near = next(
+        each for each in (options.near, _number(attributes, "near_m"), DEFAULT_NEAR) if each is not None
+    )
     if not 0 < near < math.inf:
         raise InvalidInput(f"The near end of the scene must be at a positive distance, got {near:g} m.")
     camera = _camera(attributes, options.fov, hologram)
     _refuse_unused(options, selection)
-    if options.distance and set(layers) == {PHASE}:
+    distance = options.distance or 0.0
+    if not math.isfinite(distance):
+        raise InvalidInput(f"Expected a finite distance of the field from the SLM, got {distance:g}.")
+    if distance and set(layers) == {PHASE}:
         raise InvalidInput("Phases are those of the SLM itself. Omit the distance from it.")
     angle = (
         radians_of(layers[PHASE], *_units(attributes, options, layers[PHASE])) if PHASE in layers else None
     )
     if set(layers) != {PHASE}:
-        field = _at_slm(
-            _field(layers, angle, selection, options, convention), options.distance or 0.0, hologram
-        )
+        field = _at_slm(_field(layers, angle, selection, options, convention), distance, hologram)
         return WaveField(field, hologram, camera, near, _plan(attributes))
     gains = _numbers(attributes, "gains") or (1.0,) * len(wavelengths)
     if len(gains) != len(wavelengths):
@@ -268,7 +271,8 @@ def _reorder(selection, convention, options, wavelengths):
         sizes = " and ".join(f"{role} has {_shape(array)}" for role, array in arrays.items())
         raise InvalidInput(f"The arrays differ in shape: {sizes}. Write both in one shape.")
     convention = replace(convention, axes=axes)
-    from_file = options.convention is None and not selection.color_arrays
+    given = options.convention
+    from_file = not (isinstance(given, Convention) or "axes" in (given or ()) or selection.color_arrays)
     return {role: _layers(array, convention, from_file) for role, array in arrays.items()}
 
 
@@ -355,7 +359,10 @@ def _scale(selection, role, transfer):
             f"The {role} is in whole numbers, which can be proportional to it (--transfer linear) or encoded for "
             "screens (--transfer srgb). Choose one."
         )
-    full = 2 ** int(selection.array_attributes[role].get("bits", 8 * array.dtype.itemsize)) - 1
+    bits = _number(selection.array_attributes[role], "bits")
+    if bits is not None and bits not in range(1, 17):
+        raise InvalidInput(f"Expected 1 to 16 bits of the {role} in the file, got {bits:g}.")
+    full = 2 ** int(8 * array.dtype.itemsize if bits is None else bits) - 1
 
     def values(part):
         part = np.asarray(part, np.float64) / full
@@ -375,15 +382,19 @@ def _phases(data, angle, convention):
     return phases
 
 
-def _convention(attributes):
+def _convention(attributes, given):
+    """The given convention, or the file's with what is given of one."""
+    if isinstance(given, Convention):
+        return given
     axes = attributes.get("axes")
     times = {text: sign for sign, text in SIGNS.items()}
     time = str(attributes.get("time_dependence", SIGNS["-"]))
-    return Convention(
-        tuple(str(axes).replace(" ", "").split(",")) if axes else None,
-        times.get(time, time),
-        str(attributes.get("row_0", "top")),
-    )
+    stored: dict[str, Any] = {
+        "axes": tuple(str(axes).replace(" ", "").split(",")) if axes else None,
+        "time": times.get(time, time),
+        "rows": str(attributes.get("row_0", "top")),
+    }
+    return Convention(**stored | dict(given or {}))
 
 
 def _layers(array, convention, from_file):
@@ -406,9 +417,9 @@ def _layers(array, convention, from_file):
 
 
 def _grid(options, attributes):
-    pitch = options.pitch or _pitch(attributes)
+    pitch = _pitch(attributes) if options.pitch is None else options.pitch
     wavelengths = options.wavelengths or _numbers(attributes, "wavelengths_m")
-    if not pitch:
+    if pitch is None:
         raise InvalidInput("The file has no pixel pitch. Give --pitch, in micrometers.")
     if not wavelengths:
         raise InvalidInput("The file has no wavelengths. Give --wavelengths, in nanometers.")
@@ -445,15 +456,19 @@ def _finite(value, name):
     return float(value)
 
 
-def _optics(attributes, options):
-    if options.optics is not None or "optics" not in attributes:
-        return options.optics or ON_AXIS
+def _optics(attributes, given):
+    """The given bench, or the file's with what is given of one, which need not be in the file then."""
+    if isinstance(given, Optics):
+        return given
+    changes = dict(given or {})
     try:
-        return Optics.from_dict(json.loads(attributes["optics"]))
+        stored = json.loads(attributes.get("optics", "{}"))
+        kept = Optics.from_dict({name: value for name, value in stored.items() if name not in changes})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(
             f"The file's optics cannot be read ({error}). Give --beam, --carrier, --stop and --lens."
         ) from error
+    return replace(kept, **changes)
 
 
 def _camera(attributes, fov, hologram):
@@ -462,14 +477,14 @@ def _camera(attributes, fov, hologram):
         grid, lens = hologram.in_air, hologram.optics.lens
         focal = lens.focal if lens and hologram.depth_mapping == "eyepiece" else DEFAULT_FOCAL
         default = 2 * math.atan(grid.width * grid.pitch_x / (2 * focal))
-        return Camera(np.eye(4), fov or default)
+        return Camera(np.eye(4), default if fov is None else fov)
     try:
         camera = Camera.from_dict(json.loads(text))
     except InvalidInput:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(f"The file's camera cannot be read ({error}). Write the file again.") from error
-    return replace(camera, fov_x=fov) if fov else camera
+    return camera if fov is None else replace(camera, fov_x=fov)
 
 
 def _plan(attributes):

@@ -11,7 +11,9 @@ import numpy as np
 from ..engine import Beam, InvalidInput, Lens, Stop
 from ..engine.optics import STOPS
 from .containers import read
+from .conventions import SIGNS
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
+from .phases import parse_units
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
@@ -194,6 +196,21 @@ def _measured(files):
     return size * np.exp(1j * arrays[PHASE]) if PHASE in arrays else size
 
 
+def _check_attributes(path, attributes, role):
+    """Refuse a file whose attributes say that its numbers are not in HoloPath's own convention."""
+    own = {"time_dependence": SIGNS["-"], "row_0": "top"}
+    others = [name for name, value in own.items() if str(attributes.get(name, value)) not in (value, "-")]
+    if str(attributes.get("axes", "y,x")).replace(" ", "").split(",")[-2:] != ["y", "x"]:
+        others.append("axes")
+    if role == PHASE and parse_units(attributes.get("units", "radians")) != "radians":
+        others.append("units")
+    if others:
+        raise InvalidInput(
+            f"Expected {path} in radians, with axes y,x, row 0 at the top and time {own['time_dependence']}, got other "
+            f"{' and '.join(others)}. Convert it by `holopath import` and `holopath export`."
+        )
+
+
 def _array(role, path):
     """The only array of a file that can have a role."""
     container = read(path)
@@ -205,6 +222,7 @@ def _array(role, path):
             f"{path} has {len(arrays)} arrays of two or more axes. Write the {role} to a separate file."
         )
     ((name, array),) = arrays.items()
+    _check_attributes(path, container.attributes | container.array_attributes.get(name, {}), role)
     if name in container.color_arrays:
         if not (array == array[..., :1]).all():
             raise InvalidInput(f"{path} has colors. Write the {role} as a gray picture.")

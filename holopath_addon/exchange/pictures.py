@@ -41,31 +41,33 @@ def read_png(path: Path) -> Pictures:
 
 def read_bmp(path: Path) -> Pictures:
     """Read a BMP file of 8 bits per channel, gray or RGB."""
+    pixels = _bitmap(path)
+    check_palette(path, pixels)
+    return {PICTURE: pixels}, None
+
+
+def check_palette(path: Path, pixels: np.ndarray) -> None:
+    """Refuse a BMP file whose `pixels` are not levels of gray, but indices of a palette, as Mitsuba reads them.
+
+    Raises
+    ------
+    InvalidInput
+    """
     with open(path, "rb") as file:
         head = file.read(54)
         _, size = struct.unpack_from("<II", head, 10)
         (bits,) = struct.unpack_from("<H", head, 28)
         file.seek(14 + size)
         palette = np.frombuffer(file.read(1024), np.uint8)
-    pixels = _bitmap(path)
-    if bits <= 8:  # Mitsuba reads indices of the palette
+    if bits <= 8:
         colors = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
         if pixels.max() >= len(colors) or (colors != np.arange(len(colors))[:, None]).any():
             raise InvalidInput(f"{path} has a palette of colors. Write it as a gray or RGB picture.")
-    return {PICTURE: pixels}, None
 
 
 def read_exr(path: Path) -> Pictures:
     """Read the layers of an EXR file by name; a layer without a name is `PICTURE`."""
-    with open(path, "rb") as file:
-        flags, header = _exr_header(file.read(1 << 16))
-    if flags & (MULTIPART | DEEP):
-        raise InvalidInput(f"{path} has several parts, or deep pixels. Write one part with all channels.")
-    if header.get("dataWindow") != header.get("displayWindow"):
-        raise InvalidInput(f"{path} holds only a part of its picture. Write it without a crop.")
-    primaries = header.get("chromaticities")
-    if primaries and not np.allclose(struct.unpack("<8f", primaries), REC_709, atol=1e-3):
-        raise InvalidInput(f"{path} has other primaries than Rec. 709, which mix its channels. Omit them.")
+    check_exr(path)
     bitmap = variants.bitmaps().Bitmap(str(path))
     pixels = np.array(bitmap, copy=False)
     pixels = pixels if pixels.ndim == 3 else pixels[..., np.newaxis]
@@ -76,6 +78,24 @@ def read_exr(path: Path) -> Pictures:
             layer, channel = channel, "Y"
         layers.setdefault(layer or PICTURE, {})[channel] = pixels[..., place]
     return {name: _join_channels(path, name, channels) for name, channels in layers.items()}, None
+
+
+def check_exr(path: Path) -> None:
+    """Refuse an EXR file of several parts, of a part of a picture, or of other primaries than Rec. 709.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    with open(path, "rb") as file:
+        flags, header = _exr_header(file.read(1 << 16))
+    if flags & (MULTIPART | DEEP):
+        raise InvalidInput(f"{path} has several parts, or deep pixels. Write one part with all channels.")
+    if header.get("dataWindow") != header.get("displayWindow"):
+        raise InvalidInput(f"{path} holds only a part of its picture. Write it without a crop.")
+    primaries = header.get("chromaticities")
+    if primaries and not np.allclose(struct.unpack("<8f", primaries), REC_709, atol=1e-3):
+        raise InvalidInput(f"{path} has other primaries than Rec. 709, which mix its channels. Omit them.")
 
 
 def _join_channels(path, name, channels):

@@ -7,13 +7,14 @@ import numpy as np
 from .shading import baking
 from .shading.blackbody import blackbody_color
 from .shading.node_graph import Pin, follow, output_node, upstream
-from .shading.textures import stand_in_effect
+from .shading.textures import effect_beside_surfaces
 
 PROFILE = 512, 256  # directions of a lamp's nodes
 # What nodes read of a lamp is that of a stand-in.
 _OF_STAND_IN = {
     "ObjectInfo": "of a white object at the world's origin, not of the light: set the light's own color",
     ("NewGeometry", "Position"): "reads the world's origin, not where the light is",
+    "LightPath": "the light is the same for all kinds of rays",
 }
 FALLOFFS = {"Quadratic": 0, "Linear": 1, "Constant": 2}  # power of the distance on top of 1 / distance^2
 
@@ -107,7 +108,9 @@ def read_profile(light, name, frame, notes):
     for source in upstream(Pin(output_node(light.node_tree).inputs["Surface"])):
         kind = source.node.bl_idname.removeprefix("ShaderNode")
         effect = (
-            _OF_STAND_IN.get(kind) or _OF_STAND_IN.get((kind, source.socket.name)) or stand_in_effect(source)
+            _OF_STAND_IN.get(kind)
+            or _OF_STAND_IN.get((kind, source.socket.name))
+            or effect_beside_surfaces(source)
         )
         if effect:
             notes.add(name, f"{source.node.bl_label} node", effect)

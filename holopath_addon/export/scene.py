@@ -139,7 +139,16 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
 
 def _note_settings(depsgraph, notes):
     """Note render settings that a hologram ignores."""
+    import bpy
+
     scene = depsgraph.scene
+    colors = getattr(bpy.data, "colorspace", None)  # since Blender 5.0
+    if colors is not None and colors.working_space != "Linear Rec.709":
+        notes.add(
+            scene.name,
+            f"Working Space {colors.working_space}",
+            "colors are taken as those of Linear Rec.709: choose that in Scene > Color Management",
+        )
     cycles = getattr(scene, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
     add_notes(scene.render, scene.name, notes)
     add_notes(cycles, scene.name, notes)

@@ -4,8 +4,8 @@ import numpy as np
 
 from .census import add_notes
 from .shading import baking
-from .shading.node_graph import Pin, follow, output_node, upstream, uses_nodes
-from .shading.textures import MAGENTA, ImageValue, decode_srgb, missing, own_mapping, stand_in_effect
+from .shading.node_graph import Pin, all_nodes, follow, output_node, upstream, uses_nodes
+from .shading.textures import MAGENTA, ImageValue, decode_srgb, effect_beside_surfaces, missing, own_mapping
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
@@ -172,13 +172,13 @@ def _rotation(source):
 def _bake(source, world, frame, notes):
     """World of any nodes, which Cycles evaluates in every direction."""
     feature = f"{source.node.bl_label} node" if source.groups == () else "World nodes"
-    if any(node.bl_idname == "ShaderNodeLightPath" for node in world.node_tree.nodes):
+    if any(node.bl_idname == "ShaderNodeLightPath" for node in all_nodes(world)):
         notes.add(world.name, "Light Path node", "the world is the same for all kinds of rays")
     for part in (
         source,
         *(part for name in source.node.inputs for part in upstream(Pin(name, source.groups))),
     ):
-        effect, name = stand_in_effect(part), part.socket.name
+        effect, name = effect_beside_surfaces(part), part.socket.name
         if part.node.bl_idname == "ShaderNodeTexCoord" and name in ("Camera", "Window"):
             effect = "not as the camera sees it"
         if effect:

@@ -27,8 +27,10 @@ class HOLOPATH_OT_bake(ModalOperator, bpy.types.Operator):
             return HOLOPATH_OT_show_texture.__doc__
         return ANEW if settings.anew else cls.__doc__
 
+    _show = False  # `show`, which one that goes on after an auto-save has not as its property
+
     def work(self, scene):
-        anew = self.anew
+        self._show, anew = self.show, self.anew
 
         def bake(job, progress):
             task = read_task(job, progress, scene)
@@ -39,7 +41,7 @@ class HOLOPATH_OT_bake(ModalOperator, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, result):
         task, texture, bake = result
         session.keep_bake(task, texture, bake)
-        if self.show:
+        if self._show:
             self.present(context, session.show_texture())
         return "Light taken from disk" if bake.reused == "all" else "Light baked"
 

@@ -24,10 +24,12 @@ class LongModal(_Operator):
     """
 
     _modal_since = 0.0
+    _window = 0  # address of the window whose timer it hears
 
     def become_modal(self) -> set:
         """Receive events from now on; the result of `invoke`."""
         self._modal_since = time.monotonic()
+        self._window = bpy.context.window.as_pointer() if bpy.context.window else 0
         bpy.data.window_managers[0].modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -81,6 +83,11 @@ def _go_on(name):
         return PAUSE
     if name in _paused:
         group, function = name.split(".")
-        with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
-            getattr(getattr(bpy.ops, group), function)("INVOKE_DEFAULT")
+        windows, own = bpy.data.window_managers[0].windows, _paused[name]["_window"]
+        window = next((each for each in windows if each.as_pointer() == own), windows[0])
+        try:
+            with bpy.context.temp_override(window=window):
+                getattr(getattr(bpy.ops, group), function)("INVOKE_DEFAULT")
+        finally:
+            _paused.pop(name, None)  # what cannot go on is over
     return None

@@ -53,7 +53,7 @@ class ModalOperator(LongModal):
 
         Raises
         ------
-        engine.InvalidInput
+        engine.InvalidInput, engine.BackendUnavailable
             Told to the user as a failure of the work.
         """
         raise NotImplementedError
@@ -162,7 +162,7 @@ class ModalOperator(LongModal):
         session.current.error = ""
         try:
             work = self.work(self._scene)
-        except engine.InvalidInput as error:
+        except (engine.InvalidInput, engine.BackendUnavailable) as error:
             work = _failing(error)
         job = Job(lambda progress: work(job, progress))
         job.message = self.activity.capitalize()
@@ -363,9 +363,11 @@ def has_phase(operator):
 
 
 def is_free(operator):
-    """Check that no job is running, see `check_poll`."""
+    """Check that no job is running, nor a render that reads Blender's data, see `check_poll`."""
     free = is_paused(operator) or not session.running()
-    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it")
+    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it") and check_poll(
+        operator, not bpy.app.is_job_running("RENDER"), "Blender renders: wait for it or cancel it"
+    )
 
 
 def _failing(error):

@@ -31,6 +31,7 @@ from ..export.shading.node_graph import tree_of
 from ..workflow import failures
 from ..workflow.request import Origin
 from . import session
+from .long_modal import is_paused
 from .modal_operator import ModalOperator, check_poll, push_undo, report_error
 
 
@@ -373,7 +374,7 @@ class HOLOPATH_OT_render_views(ModalOperator, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for the file, unless one is given."""
-        if self.filepath:
+        if self.filepath or is_paused(type(self)):
             return super().invoke(context, event)
         self._browsing = True
         bpy.data.window_managers[0].fileselect_add(self)

@@ -27,8 +27,10 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
+        if is_paused(cls):  # it shows a hologram that another one may have replaced
+            return context.scene is not None
         idle = has_phase(cls) and check_poll(
-            cls, is_paused(cls) or not devices.streaming(), "A device shows a hologram: stop it first"
+            cls, not devices.streaming(), "A device shows a hologram: stop it first"
         )
         return idle and context.scene is not None
 

@@ -110,7 +110,7 @@ class Response:
         Raises
         ------
         InvalidInput
-            If the curve does not span all levels.
+            If the curve does not span all levels, or runs beyond them.
         """
         levels = np.arange(2**bits)
         if self.curve is None:
@@ -122,6 +122,11 @@ class Response:
                     f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}. Measure it "
                     f"from 0 to {levels[-1]}, or give a range of {len(levels)}/L instead if it rises evenly to 2 pi at "
                     "level L."
+                )
+            if at[-1] > len(levels):
+                raise InvalidInput(
+                    f"The curve at {self.wavelength * 1e9:g} nm runs to level {at[-1]:g}, but the highest level of "
+                    f"{bits} bits is {levels[-1]}. Give the bits of its levels."
                 )
             phases = np.interp(levels, at, unwrapped(phases))
         return phases * _scale(self.wavelength, wavelength)
@@ -739,11 +744,18 @@ def _reason(error):
 def _read_map(path):
     """Read phases in radians from an array or a picture."""
     if path.suffix.lower() == ".npy":
-        return np.load(path, allow_pickle=False)
+        phases = np.load(path, allow_pickle=False)
+        if phases.dtype.kind != "f":
+            raise ValueError(f"{path.name} has whole numbers instead of radians; write levels as a picture")
+        return phases
     levels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     if levels.dtype != np.uint8:
         raise ValueError(f"{path.name} is not a picture of 8 bits")
-    levels = levels if levels.ndim == 2 else levels[..., 0]
+    if levels.ndim == 3:
+        colors = levels[..., : levels.shape[-1] - (levels.shape[-1] in (2, 4))]  # without alpha
+        if (colors != colors[..., :1]).any():
+            raise ValueError(f"{path.name} has colors instead of gray levels")
+        levels = colors[..., 0]
     # a correction of more than a turn is wrapped, and a turn at another wavelength is another length
     turns = np.unwrap(np.unwrap(levels / 256.0, axis=0, period=1.0), axis=1, period=1.0)
     return (2 * math.pi * turns).astype(np.float32)

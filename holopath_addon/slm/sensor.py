@@ -210,4 +210,7 @@ def read_capture(path: Path | str) -> np.ndarray:
         ) from None
     whole = np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else 1
     values = picture.astype(np.float32) / whole
-    return values if values.ndim == 2 else values[..., :3].mean(axis=-1)
+    if values.ndim == 2:
+        return values
+    colors = values.shape[-1] - (values.shape[-1] in (2, 4))  # without alpha
+    return values[..., :colors].mean(axis=-1)

@@ -76,17 +76,22 @@ def outlines(scene):
         If the scene has no camera for a hologram.
     """
     props, scale = properties.of(scene), unit_scale(scene)
-    down, across = axes(pitch_of(props))
-    size = (props.resolution_x * across, props.resolution_y * down)
+    try:
+        hologram = hologram_of(props)
+    except (engine.InvalidInput, engine.BackendUnavailable):
+        hologram, (down, across) = None, axes(pitch_of(props))
+        size = (props.resolution_x * across, props.resolution_y * down)
+    else:
+        picture = hologram.picture
+        size = (picture.width * picture.pitch_x, picture.height * picture.pitch_y)
     camera = view_of(find_camera(scene), size, scale)
     focus = focus_of(props)
     listed = [distance for distance in focus_list_of(props) if distance != focus]
     drawn = [(distance, _LISTED_FOCUS, 0.05, _distance(distance)) for distance in listed]
     drawn.append((focus, _FOCUS, 0.1, _distance(focus)))
     circles = []
-    mapped = _mapping(props, camera, session.plan_of(scene))
-    if mapped is not None:
-        mapping, hologram = mapped
+    mapping = None if hologram is None else _mapping(hologram, camera, session.plan_of(scene))
+    if hologram is not None and mapping is not None:
         near = float(mapping.z_to_depth(hologram.depth_near))
         drawn.append((near, _NEAR_END, 0.0, f"Near End {_distance(near)}"))
         circles = _pupil(props, hologram, mapping, camera, scale)
@@ -98,28 +103,26 @@ def outlines(scene):
     return circles + frames
 
 
-def _mapping(props, camera, plan):
-    """The hologram's depth mapping and the hologram; None if the settings leave it open."""
-    try:
-        hologram = hologram_of(props)
-    except (engine.InvalidInput, engine.BackendUnavailable):
-        return None
+def _mapping(hologram, camera, plan):
+    """The hologram's depth mapping; None if the settings leave it open."""
     near = hologram.near or (plan.near if plan else None)
     if near is None and hologram.depth_mapping == "fit":
         return None
-    return DepthMapping.of(hologram, camera, near), hologram
+    return DepthMapping.of(hologram, camera, near)
 
 
 def _pupil(props, hologram, mapping, camera, scale):
-    """Outlines of the pupil that each color's light fills, and of the chosen part of it."""
-    radii = {w: mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths}
+    """Outlines of the pupil that each color's light fills behind the stop, and of the chosen part of it."""
+    x, y, open_radius = hologram.optics.stop_circle
+    whole = {w: mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths}
+    radii = {w: open_radius * radius for w, radius in whole.items()}
     min_radius, max_radius = min(radii.values()), max(radii.values())
     unit, size = ("m", 1.0) if max_radius >= 0.5 else ("mm", 1e3)
     ends = (f"{2 * size * radius:.3g}" for radius in (min_radius, max_radius))
     label = f"Pupil {' to '.join(dict.fromkeys(ends))} {unit}"
     circles = []
     for wavelength, radius in sorted(radii.items(), key=lambda row: -row[1]):
-        corners = _circle(camera, 0.0, 0.0, radius) / scale
+        corners = _circle(camera, x * whole[wavelength], y * whole[wavelength], radius) / scale
         circles.append(Outline(corners, _CHANNELS[channel(wavelength)], 0.0, label, at_camera=True))
         label = ""  # one label for all
     part = pupil_or_none(props)

@@ -72,7 +72,7 @@ def depth(layout: UILayout, context: Context) -> None:
     layout.prop(props, "depth_mapping")
     layout.prop(props, "depth_auto")
     if properties.depth_is_auto(props):
-        with suppress(engine.InvalidInput):
+        with suppress(engine.InvalidInput, engine.BackendUnavailable):
             hologram = properties.hologram_of(props)
             ends = (
                 f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from {hologram.origin}"
@@ -82,7 +82,7 @@ def depth(layout: UILayout, context: Context) -> None:
         column = layout.column(align=True)
         column.prop(props, "depth_far_mm")
         column.prop(props, "depth_near_mm")
-    with suppress(engine.InvalidInput):
+    with suppress(engine.InvalidInput, engine.BackendUnavailable):
         hologram = properties.hologram_of(props)
         warning = hologram.lost_light(max(hologram.depth_far, hologram.depth_near, key=abs))
         if warning:

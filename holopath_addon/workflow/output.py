@@ -28,6 +28,16 @@ VERSION = "0.2.0"
 FRAME = re.compile(r"frame_(-?[0-9]+)")
 # Of a contact sheet: maximum pixels of an image's side, pixels between two images, and gray level around them.
 SHEET_SIDE, SHEET_GAP, SHEET_GRAY = 640, 8, 96
+# Characters of its labels: five rows of three pixels each, an octal digit a row.
+GLYPHS = dict(
+    zip(
+        "0123456789.-+ EFILMNS",
+        "75557 26227 71747 71717 55711 74717 74757 71222 75757 75717 00002 00700 02720 00000 "
+        "74647 74644 72227 44447 57755 65555 74717".split(),
+        strict=True,
+    )
+)
+GLYPH_SIZE = 4, 7  # with the space around a character
 _OWN = {
     "wavefield",
     "reconstruction",
@@ -96,19 +106,21 @@ def _srgb(rgb, white):
     return (encoded * 255 + 0.5).astype(np.uint8)
 
 
-def contact_sheet(images, lens_image, phases=None):
+def contact_sheet(images, lens_image, focus, phases=None):
     """PNG file with an overview of a hologram.
 
     At the left are the phases of one frame and wavelength, black to white for a turn, each pixel as two by two,
     cropped to the sheet's height. At the right are the images in pairs, the middle one last, and beside it the image
-    through a thin lens.
+    through a thin lens. Under each is its focus.
 
     Parameters
     ----------
     images : sequence of numpy.ndarray, linear RGB, shape (y, x, 3)
         Images at each focus distance, which are shown at one exposure.
     lens_image : numpy.ndarray, linear RGB, shape (y, x, 3)
-        Image through a thin lens with the focus of the middle image, see `middle`.
+        Image through a thin lens with the focus of the middle image.
+    focus : sequence of float
+        World depth of each image, meters.
     phases : numpy.ndarray, shape (y, x), optional
         Radians. Without them there are only images.
 
@@ -116,10 +128,11 @@ def contact_sheet(images, lens_image, phases=None):
     -------
     bytes
     """
-    order = list(images)
-    compared = order.pop(len(order) // 2)
-    white = exposure(np.stack(images))
-    tiles = [_tile(image, white) for image in [*order, compared]] + [_tile(lens_image, exposure(lens_image))]
+    middle, white = len(images) // 2, exposure(np.stack(images))
+    order = [*range(middle), *range(middle + 1, len(images)), middle]
+    labels = [f"{format_distance(depth)} m" for depth in focus]
+    tiles = [_tile(images[number], white, labels[number]) for number in order]
+    tiles.append(_tile(lens_image, exposure(lens_image), f"{labels[middle]} lens"))
     if len(tiles) % 2:
         tiles.insert(-2, np.full_like(tiles[0], SHEET_GRAY))
     height, width = tiles[0].shape[:2]
@@ -140,13 +153,27 @@ def contact_sheet(images, lens_image, phases=None):
     return _encode(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
 
 
-def _tile(rgb, white):
-    """Levels in sRGB of an image of at most `SHEET_SIDE` pixels a side: means over blocks, which keep speckle."""
+def _tile(rgb, white, label):
+    """Levels in sRGB of an image of at most `SHEET_SIDE` pixels a side, over its label.
+
+    They are means over blocks, which keep speckle.
+    """
     rgb = np.asarray(rgb, np.float32)
     block = -(-max(rgb.shape[:2]) // SHEET_SIDE)
     height, width = (side // block for side in rgb.shape[:2])
     inner = rgb[: height * block, : width * block].reshape(height, block, width, block, 3)
-    return _srgb(inner.mean((1, 3)), white)
+    return np.concatenate([_srgb(inner.mean((1, 3)), white), _label(label, width)])
+
+
+def _label(text, width):
+    """Strip with a text, white on gray, which is as large as suits an image of some width."""
+    across, down = GLYPH_SIZE
+    scale = max(1, width // (40 * across))
+    columns = [[int(row) >> bit & 1 for row in GLYPHS[each]] for each in text.upper() for bit in (2, 1, 0, 3)]
+    drawn = np.array(columns, bool).T.repeat(scale, 0).repeat(scale, 1)[:, :width]
+    strip = np.full((down * scale, width, 3), SHEET_GRAY, np.uint8)
+    strip[scale : scale + len(drawn), : drawn.shape[1]][drawn] = 255
+    return strip
 
 
 def _crop(image, height, width):

@@ -266,7 +266,8 @@ def _write_contact_sheet(still, progress):
     images, phases = still.rgb, None
     if still.phase is not None:
         images, phases = still.phase_rgb, still.phase.data[0, still.phase.data.shape[1] // 2]
-    sheet = output.contact_sheet(images, engine.to_rgb(lens_image, field.hologram.wavelengths), phases)
+    lens_rgb = engine.to_rgb(lens_image, field.hologram.wavelengths)
+    sheet = output.contact_sheet(images, lens_rgb, focus, phases)
     (still.folder / request.outputs.contact_sheet).write_bytes(sheet)
     return {}
 

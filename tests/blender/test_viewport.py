@@ -96,3 +96,13 @@ def test_a_selection_changes_nothing(scene):
         if bpy.app.timers.is_registered(viewport._tick):
             bpy.app.timers.unregister(viewport._tick)
     assert found == [True, False, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("local", "collections", "says"),
+    [(None, False, ""), (1, False, "Local View"), (None, True, "all collections")],
+)
+def test_what_a_view_hides_alone_is_told(local, collections, says):
+    space = SimpleNamespace(local_view=local, use_local_collections=collections)
+    message = viewport._ignored(space)
+    assert says in message and bool(says) == bool(message)

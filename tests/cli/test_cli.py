@@ -447,6 +447,8 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
         "outside the light",
     )
     refused(cli.main(["reconstruct", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
+    both = ["reconstruct", str(rendered), "--focus", "1m", "--distances", "0"]
+    refused(cli.main(both), capfd.readouterr().err, 2, "either --focus or --distances")
     refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
 
 
@@ -457,6 +459,9 @@ def test_impossible_encodings_are_refused_before_the_render(xml, tmp_path, capfd
     refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "Omit --bits")
     out = tmp_path / "out"
     refused(cli.main(["render", *words, "--out", str(out)]), capfd.readouterr().err, 2, "Omit --bits")
+    for option in (["--bits", "4"], ["--response", str(levels)]):  # for phases, and there are none
+        words = [str(xml), *SMALL, *option]
+        refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "Add --encode auto")
     assert not out.exists()
 
 
@@ -526,12 +531,12 @@ def test_contact_sheet(xml, tmp_path):
     words += ["--encode", "dpac", "--contact-sheet", "a.png", "--compare-reference", "--quiet"]
     words += ["--phase-field", "designed"]
     assert cli.main(words) == 0
-    sheet, side, gap = read(out / "a.png"), 64, output.SHEET_GAP
-    assert sheet.shape == (2 * side + gap, 4 * side + 2 * gap, 3)
+    sheet, side, gap, label = read(out / "a.png"), 64, output.SHEET_GAP, output.GLYPH_SIZE[1]
+    assert sheet.shape == (2 * (side + label) + gap, 4 * side + 2 * gap, 3)
     phases = read(out / "hologram" / "frame_000_516nm.png")
-    top = gap // 2
+    top = gap // 2 + label
     np.testing.assert_array_equal(sheet[top : top + 2 * side : 2, : 2 * side : 2, 0], np.squeeze(phases))
-    left, below = 2 * side + gap, side + gap
+    left, below = 2 * side + gap, side + label + gap
     for number, focus in enumerate(("0.5", "2", "1")):
         y, x = number // 2 * below, left + number % 2 * (side + gap)
         shown = read(out / "reconstruction" / f"hologram_focus_{focus}m.exr")
@@ -539,7 +544,7 @@ def test_contact_sheet(xml, tmp_path):
         tile = sheet[y : y + side, x : x + side].astype(float)
         png = read(out / "reconstruction" / f"hologram_focus_{focus}m.png")
         assert np.corrcoef(tile.ravel(), png.ravel())[0, 1] > 0.95  # exposed otherwise
-    lens = sheet[below:, left + side + gap :].astype(float)
+    lens = sheet[below : below + side, left + side + gap :].astype(float)
     truth = read(out / "reference" / "focus_1m.png")
     assert np.corrcoef(lens.ravel(), truth.ravel())[0, 1] > 0.95
     report = json.loads((out / "report.json").read_text())
@@ -557,13 +562,21 @@ def test_contact_sheets_of_any_number(count, phases, rows, backend, tmp_path, mo
     monkeypatch.setattr(output, "SHEET_SIDE", 64)
     shape, gap = (output.SHEET_SIDE * 2, output.SHEET_SIDE * 2 - 6), output.SHEET_GAP
     pictures = [np.full((*shape, 3), n + 1.0) for n in range(count)]
-    data = output.contact_sheet(pictures, np.ones((*shape, 3)), np.zeros(shape) if phases else None)
+    focus = [0.25 * (n + 1) for n in range(count)]
+    data = output.contact_sheet(pictures, np.ones((*shape, 3)), focus, np.zeros(shape) if phases else None)
     (tmp_path / "a.png").write_bytes(data)
     sheet = read(tmp_path / "a.png")
-    height, width = shape[0] // 2, shape[1] // 2
+    height, width, label = shape[0] // 2, shape[1] // 2, output.GLYPH_SIZE[1]
     across = 2 * width + gap
-    assert sheet.shape[:2] == (rows * (height + gap) - gap, 2 * across + gap if phases else across)
-    assert (sheet[-1, -1] == 255).all()  # the lens's
+    total = rows * (height + label + gap) - gap
+    assert sheet.shape[:2] == (total, 2 * across + gap if phases else across)
+    assert (sheet[-label - 1, -1] == 255).all()  # the lens's
+    # the middle image's label, and the lens's, which says so besides
+    middle, lens = (
+        strip[:, :, 0] == 255 for strip in (sheet[-label:, -across : -width - gap], sheet[-label:, -width:])
+    )
+    middle, lens = middle[:, :width], lens[:, :width]
+    assert middle.any() and (lens >= middle).all() and lens.sum() > 1.5 * middle.sum()
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from holopath_addon import engine
@@ -67,3 +68,26 @@ def test_a_panel_for_a_picture(pitch, optics, size):
     picture = replace(hologram, width=width, height=height).picture
     assert (picture.width, picture.height) == size
     assert (width, height) == size or hologram.picture is not hologram
+
+
+def test_numbers_of_any_type(tmp_path):
+    """NumPy's own are written as Python's; what is no number is refused in a sentence."""
+    hologram = engine.Hologram(
+        np.int64(8), np.int32(6), np.float32(8e-6), np.array([5e-7]), np.float32(-1e-3), np.float64(1e-3)
+    )
+    camera = engine.Camera(np.eye(4), np.float32(0.5), clip_end=np.float32(3))
+    field = engine.WaveField(np.ones((1, 1, 6, 8), np.complex64), hologram, camera, 1.0)
+    field.save(tmp_path / "field")
+    assert engine.WaveField.load(tmp_path / "field").hologram == hologram
+    assert engine.Hologram(8, 6, np.array([8e-6, 9e-6])).pitch == (8e-6, 9e-6)
+    settings = engine.Settings(frames=np.int64(3), seed=np.int64(2))
+    assert (settings.frames, type(settings.frames)) == (3, int)
+    for values, says in (
+        ({"width": 8.5}, "Expected whole numbers of pixels, got 8.5 x 6"),
+        ({"wavelengths": 5e-7}, "Expected wavelengths as a list of numbers"),
+        ({"pitch": "wide"}, "Expected the pixel pitch as a list of numbers"),
+    ):
+        with pytest.raises(engine.InvalidInput, match=says):
+            engine.Hologram(**{"width": 8, "height": 6, "pitch": 8e-6, **values})
+    with pytest.raises(engine.InvalidInput, match="clipping range that ends after its start"):
+        engine.Camera(np.eye(4), 0.5, clip_start=2.0, clip_end=1.0)

@@ -448,3 +448,33 @@ def test_lenses_that_do_not_fit(changes, says):
 def test_other_methods_know_no_lens(slanted, camera):
     with pytest.raises(InvalidInput, match="The method focal-stack is made for light without a lens"):
         engine.render(slanted, camera, panel(32), engine.Settings(frames=1, method="focal-stack"))
+
+
+@pytest.mark.parametrize("pitch", [(8e-6, 4e-6), 8e-6])
+def test_far_images_are_as_bright_as_near_ones(pitch):
+    """The light's power is the same on all planes, and so is a picture's sum over squares of the largest pitch."""
+    hologram = Hologram(32, 64 if isinstance(pitch, tuple) else 32, pitch, (GREEN,), -0.1e-3, 0.1e-3)
+    across, down = pitch if isinstance(pitch, tuple) else (pitch, pitch)
+    x = (np.arange(32) - 15.5) * across
+    y = (np.arange(hologram.height) - (hologram.height - 1) / 2) * down
+    wave = np.exp(-(x**2 + y[:, None] ** 2) / (40e-6) ** 2)
+    near, far = (shown(wave, hologram, z).sum() for z in (1e-4, 1.5 * far_from(hologram)))
+    assert far == pytest.approx(near, rel=0.02)
+
+
+def test_far_images_are_shifted_as_near_ones():
+    shift = 300e-6, -200e-6
+    hologram = Hologram(
+        64, 64, PITCH, (GREEN, 640e-9), -0.1e-3, 0.1e-3, optics=Optics(color_shift=(shift, (0.0, 0.0)))
+    )
+    x, y = places(64)
+    wave = np.exp(-(x**2 + y**2) / (60e-6) ** 2)
+    z = 1.01 * far_from(hologram)
+    field = engine.WaveField(
+        np.stack([wave, wave])[None].astype(np.complex64), hologram, engine.Camera(np.eye(4), 0.4), 1.0
+    )
+    picture = engine.reconstruct(field, [float(field.mapping.z_to_depth(z))])[0, ..., 0]
+    pixel = picture_pitch(hologram, z)
+    columns, rows = ((np.arange(n) - (n - 1) / 2) * pixel for n in picture.shape[::-1])
+    middle = (picture.sum(0) * columns).sum() / picture.sum(), -(picture.sum(1) * rows).sum() / picture.sum()
+    np.testing.assert_allclose(middle, shift, atol=0.1 * pixel)

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from holopath_addon import engine
 from holopath_addon.engine import Camera, Hologram, InvalidInput
-from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.mapping import DepthMapping, border_pixels, pixels_beside
 
 VOLUME = {"depth_far": 80e-3, "depth_near": 85e-3}
 CAMERA = Camera(np.eye(4), math.radians(25), shift_x=0.1, shift_y=-0.05)
@@ -52,3 +53,19 @@ def test_depths_there_and_back():
 def test_focus_behind_the_camera_is_refused(depth):
     with pytest.raises(InvalidInput, match="Expected a focus distance of a positive number of meters"):
         mapping_of("fit").depth_to_z(depth)
+
+
+def test_borders_reach_as_far_as_an_eyepiece_has_the_near_end():
+    """By the thin lens: the near end of the scene is f^2 / D before the focal plane, not at the range's default end."""
+    lens = engine.Lens(0.1, 0.1)
+    hologram = engine.Hologram(
+        1024, 1024, 8e-6, (516.5e-9,), depth_mapping="eyepiece", optics=engine.Optics(lens=lens)
+    )
+    view = engine.Camera(np.eye(4), 0.3)
+    slope = math.tan(math.asin(516.5e-9 / 16e-6))
+    for near in (0.5, 4.0):
+        assert border_pixels(hologram, view, near) == math.ceil(slope * 0.1**2 / near / 8e-6)
+    plain = engine.Hologram(8192, 8192, 8e-6, (516.5e-9,))
+    assert (
+        border_pixels(plain, view, 0.5) == 17 and pixels_beside(plain, view, 0.5) == 0
+    )  # 67 megapixels at most

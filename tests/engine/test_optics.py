@@ -491,3 +491,41 @@ def test_stops_that_cannot_be(carrier, stop, says):
 def test_without_a_stop_there_is_no_stop(target):
     with pytest.raises(engine.InvalidInput, match="Omit one of them"):
         engine.encode(off_axis(target, OFF_AXIS["half"]), "sgd", has_stop=False)
+
+
+@pytest.mark.parametrize(("turn", "passes"), [(0.0, False), (0.5, True), (-0.5, False), (0.1, True)])
+def test_the_zero_order_goes_where_a_tilted_beam_does(turn, passes):
+    """Sines of wavelength / (2 pitch) lie at the band's edge; the stop is a circle around half of that."""
+    angle = math.asin(turn * GREEN / (2 * PITCH))
+    optics = engine.Optics(engine.Beam("tilt", (angle, 0.0)), "auto")
+    if passes:
+        with pytest.raises(engine.InvalidInput, match="zero order passes the stop at 520 nm"):
+            replace(panel(), optics=optics)
+    else:
+        light = replace(panel(), optics=optics).illumination(0)
+        mask = optics.stop_mask(SHAPE)
+        spectrum = np.abs(np.fft.fft2(light)) ** 2
+        assert spectrum[mask].sum() < 0.02 * spectrum.sum()
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"carrier": "left"}, "Expected the carrier as a list of numbers"),
+        ({"color_scale": 1.02}, "Expected color_scale as a list"),
+        ({"color_shift": (1e-5, 0.0)}, "Expected a pair of numbers for each color_shift"),
+    ],
+)
+def test_values_that_are_no_list_of_numbers(values, says):
+    with pytest.raises(engine.InvalidInput, match=says):
+        engine.Optics(**values)
+    with pytest.raises(engine.InvalidInput, match="Expected the numbers as a list"):
+        engine.Stop("circle", 0.3)
+    assert engine.Optics(carrier=np.array([0.5, 0.0])) == engine.Optics(carrier=(0.5, 0.0))
+
+
+def test_maps_of_levels_that_do_not_fit():
+    """As many pixels in another shape would be scrambled."""
+    levels = engine.Levels(np.arange(16) * (math.pi / 8), correction=np.zeros((64, 180), np.float32))
+    with pytest.raises(engine.InvalidInput, match="correction of the levels has the shape .64, 180"):
+        phases(np.zeros(SHAPE), panel()).field(levels=[levels])

@@ -285,3 +285,17 @@ def test_nothing_around_things_takes_no_light_from_them(build, camera, small, ra
     settings = engine.Settings(frames=24, radiance=radiance)
     _, rows = compare(scene, camera, small, settings, [1.0], spp=64)
     assert brightness(*rows[0][1:]) == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"radiance": "ray"}, {"estimator": "paper"}, {"method": "rgbd"}],
+    ids=["radiance", "estimator", "method"],
+)
+def test_a_plan_of_another_kind_is_refused(build, camera, settings):
+    """Its decisions are none for such settings; those for others stay."""
+    scene, small = build.two_planes(build.emissive), engine.Hologram(16, 16, 8e-6, (GREEN,), 1e-3, 2e-3)
+    plan = engine.plan(scene, camera, small, engine.Settings(frames=1))
+    assert engine.render(scene, camera, small, engine.Settings(frames=2), plan).data.shape[0] == 2
+    with pytest.raises(engine.InvalidInput, match=f"The plan is for the {next(iter(settings))} "):
+        engine.render(scene, camera, small, engine.Settings(frames=1, **settings), plan)

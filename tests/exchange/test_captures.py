@@ -17,6 +17,7 @@ from holopath_addon.exchange.captures import (
     read_points,
 )
 from holopath_addon.workflow import output
+from tests.exchange import foreign
 
 SIDE = 32
 DEPTH = np.where(np.arange(SIDE)[:, None] + np.arange(SIDE) < SIDE, 0.5, 2.0)  # a near half and a far one
@@ -476,3 +477,28 @@ def test_a_ply_without_faces_within_an_xml_is_named(backend, tmp_path, monkeypat
     )
     assert cli.main(["plan", "s.xml"]) == 2
     assert "Give the .ply itself" in capfd.readouterr().err
+
+
+def cropped_exr(path):
+    """An EXR file of 4 x 4 pixels that calls itself a part of 8 x 8."""
+    path.write_bytes(output.encode_exr(np.ones((4, 4, 3), np.float32)))
+    data = bytearray(path.read_bytes())
+    start = data.index(b"displayWindow\0box2i\0") + len(b"displayWindow\0box2i\0") + 4
+    data[start : start + 16] = np.array([0, 0, 7, 7], "<i4").tobytes()
+    path.write_bytes(data)
+
+
+def test_pictures_of_indices_or_of_a_part(tmp_path):
+    """A palette's indices are no gray levels, and a part is not where the whole is: for depths, too."""
+    pixels = np.arange(16, dtype=np.uint8).reshape(4, 4)
+    foreign.bmp(tmp_path / "gray.bmp", pixels)
+    foreign.bmp(
+        tmp_path / "colors.bmp", pixels, np.random.default_rng(0).integers(0, 256, (256, 4), np.uint8)
+    )
+    cropped_exr(tmp_path / "part.exr")
+    assert read_picture(tmp_path / "gray.bmp").shape == (4, 4, 3)
+    for name, says in (("colors.bmp", "palette of colors"), ("part.exr", "only a part of its picture")):
+        with pytest.raises(engine.InvalidInput, match=says):
+            read_picture(tmp_path / name)
+        with pytest.raises(engine.InvalidInput, match=says):
+            read_depth(tmp_path / name, "mm")

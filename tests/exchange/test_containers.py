@@ -144,3 +144,12 @@ def damage(suffix, count, seed, folder):
             assert "\n" not in str(error) and len(str(error)) < 500
     assert refused > count / 4
     assert [path.name for path in folder.iterdir()] == [file.name]
+
+
+def test_a_matlab_array_of_one_wavelength_is_an_array(tmp_path):
+    """1 x rows x columns, as other programs have one color; only vectors and numbers are attributes."""
+    array = np.random.default_rng(0).random((1, 5, 4))
+    scipy.io.savemat(tmp_path / "a.mat", {"phase": array, "wavelengths_m": [[5e-7, 6e-7]], "near_m": 2.0})
+    found = exchange.read(tmp_path / "a.mat")
+    np.testing.assert_array_equal(found.arrays["phase"], array)
+    assert found.attributes.items() >= {"wavelengths_m": [5e-7, 6e-7], "near_m": 2.0}.items()

@@ -140,6 +140,10 @@ GIVEN = {"pitch": PITCH, "wavelengths": [WAVELENGTH]}
         (FIELD, {"camera": "{}"}, GIVEN, "camera cannot be read"),
         (FIELD, {"near_m": -1.0}, GIVEN, "The near end of the scene must be at a positive"),
         (FIELD, {}, {**GIVEN, "pitch": 1e-7}, "too small for 640 nm"),
+        (FIELD, {"pitch_m": PITCH}, {**GIVEN, "pitch": 0.0}, "Expected a positive pixel pitch"),
+        (FIELD, {"near_m": 2.0}, {**GIVEN, "near": 0.0}, "The near end of the scene must be at a positive"),
+        (FIELD, {}, {**GIVEN, "fov": 0.0}, "field of view of the camera between 0 and 180"),
+        (FIELD, {}, {**GIVEN, "distance": math.nan}, "Expected a finite distance of the field"),
     ],
 )
 def test_what_does_not_fit(array, attributes, given, says):
@@ -157,3 +161,43 @@ def test_one_of_several_arrays_is_to_be_named():
 def test_a_convention_without_an_axis_for_frames():
     with pytest.raises(InvalidInput, match="There are 3 frames, but no axis for them. Name it"):
         exchange.container_of(fields.field(), exchange.CONVENTIONS["odak"])
+
+
+@pytest.mark.parametrize("given", [{"axes": ("x", "y")}, {"time": "+"}, {"rows": "bottom"}])
+def test_what_is_given_of_a_convention_leaves_the_rest_to_the_file(given):
+    """Also where the file's own is none that can be read."""
+    convention = exchange.Convention(("x", "y"), "+", "bottom")
+    ours = fields.field(frames=1).data[:, :1]
+    attributes = {"axes": "x,y", "time_dependence": "exp(+i omega t)", "row_0": "bottom"}
+    names = {"axes": "axes", "time": "time_dependence", "rows": "row_0"}
+    for wrong in ({}, {names[name]: "nothing" for name in given}):
+        container = exchange.Container({"u": convention.from_holopath(ours)}, attributes | wrong)
+        found = exchange.hologram_of(container, exchange.ReadOptions(convention=given, **GIVEN))
+        np.testing.assert_array_equal(found.data, ours)
+
+
+def test_what_is_given_of_a_bench_leaves_the_rest_to_the_file():
+    """A beam that was measured is not in the file, and need not be if another one is given."""
+    measured = engine.Beam("measured", measured=np.ones((6, 9)))
+    lens = engine.Lens(0.1, 0.1)
+    kept = fields.field()
+    for beam, rest in (
+        (measured, {"stop": engine.Stop("half")}),
+        (engine.Beam("point", (0.2,)), {"lens": lens}),
+    ):
+        optics = engine.Optics(beam, **rest)
+        hologram = engine.Hologram(9, 6, 8e-6, fields.WAVELENGTHS, -1e-3, 1e-3, optics=optics)
+        container = exchange.container_of(engine.WaveField(kept.data, hologram, kept.camera, 0.7))
+        tilt = engine.Beam("point", (-0.3,))
+        found = exchange.hologram_of(container, exchange.ReadOptions(optics={"beam": tilt}))
+        assert found.hologram.optics == engine.Optics(tilt, **rest)
+    with pytest.raises(InvalidInput, match="Expected a carrier within the band"):
+        exchange.hologram_of(container, exchange.ReadOptions(optics={"carrier": (2.0, 0.0)}))
+
+
+@pytest.mark.parametrize("bits", ["12 bit", 0, 17])
+def test_bits_of_an_amplitude_that_no_file_can_have(bits):
+    arrays = {"amplitude": np.ones((4, 5), np.uint16), "phase": np.linspace(0, 2 * math.pi, 20).reshape(4, 5)}
+    container = exchange.Container(arrays, array_attributes={"amplitude": {"bits": bits}})
+    with pytest.raises(InvalidInput, match="bits"):
+        exchange.hologram_of(container, exchange.ReadOptions(transfer="linear", **GIVEN))

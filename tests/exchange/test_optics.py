@@ -291,3 +291,28 @@ def test_a_stop_on_the_command_line(folder, tmp_path, capsys):
     ):
         assert cli.main([*encode, *words]) == 2
         assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("attributes", "differs"),
+    [
+        ({"units": "degrees"}, "units"),
+        ({"row_0": "bottom"}, "row_0"),
+        ({"time_dependence": "exp(+i omega t)"}, "time_dependence"),
+        ({"axes": "x,y"}, "axes"),
+        ({"axes": "wavelength,y,x", "units": "radians", "row_0": "top"}, ""),
+    ],
+)
+def test_a_beam_in_another_convention(attributes, differs, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    for name in ("amplitude", "phase"):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file.create_dataset(name, data=np.ones((4, 6))).attrs.update(
+                attributes if name == "phase" else {}
+            )
+    text = f"amplitude={tmp_path / 'amplitude.h5'},phase={tmp_path / 'phase.h5'}"
+    if not differs:
+        assert exchange.parse_beam(text).measured.shape == (4, 6)
+        return
+    with pytest.raises(engine.InvalidInput, match=f"phase.h5.*other {differs}. Convert"):
+        exchange.parse_beam(text)

@@ -334,3 +334,32 @@ def test_world_nodes_beyond_that_are_noted(stage, small_worlds):
 def test_darkness_is_noted(stage):
     floor(stage)
     assert [n.feature for n in stage.export().notes] == ["No light, emission or world color"]
+
+
+@pytest.mark.parametrize(
+    ("node", "socket"), [("ShaderNodeLightPath", "Is Glossy Ray"), ("ShaderNodeAttribute", "Fac")]
+)
+@pytest.mark.parametrize("kind", ["lamp", "world"])
+def test_nodes_whose_value_a_bake_cannot_know_are_noted(stage, small_worlds, node, socket, kind):
+    """Also where what comes out is the same in every direction, and within groups."""
+    floor(stage)
+    owner = stage.lamp("POINT", location=(0, 0, 1)).data
+    if kind == "world":
+        owner = stage.scene.world = bpy.data.worlds.new("World")
+    if owner.node_tree is None:
+        owner.use_nodes = True
+    group = bpy.data.node_groups.new("Inside", "ShaderNodeTree")
+    group.interface.new_socket("Value", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    source, out = group.nodes.new(node), group.nodes.new("NodeGroupOutput")
+    if node == "ShaderNodeAttribute":
+        source.attribute_type, source.attribute_name = "VIEW_LAYER", "strength"
+    group.links.new(source.outputs[socket], out.inputs[0])
+    tree = owner.node_tree
+    inner = tree.nodes.new("ShaderNodeGroup")
+    inner.node_tree = group
+    shader = next(
+        each for each in tree.nodes if each.bl_idname in ("ShaderNodeEmission", "ShaderNodeBackground")
+    )
+    tree.links.new(inner.outputs[0], shader.inputs["Strength"])
+    label = source.bl_label
+    assert f"{label} node" in {note.feature for note in stage.export().notes}

@@ -311,3 +311,31 @@ def test_worlds_are_baked_where_their_texture_is_mapped_or_smoothed(stage, small
     tree.links.new(node.outputs["Color"], tree.nodes["Background"].inputs["Color"])
     stage.plane(0.01)
     assert_alike(stage, notes={"Background node"})
+
+
+@pytest.mark.parametrize("node", ["ShaderNodeUVMap", "ShaderNodeTexCoord"])
+def test_a_map_of_the_instancer(stage, node):
+    """Without an instancer it is 0 everywhere: the picture's corner."""
+    texture = shown(stage, stage.image(FEW))
+    tree = texture.id_data
+    source = tree.nodes.new(node)
+    source.from_instancer = True
+    tree.links.new(source.outputs["UV"], texture.inputs["Vector"])
+    ours, theirs = stage.mitsuba(spp=4), stage.cycles(spp=4)
+    assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.02)
+    assert np.ptp(ours[4:-4, 4:-4], axis=(0, 1)).max() < 1e-3
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="Blender has one working space")
+def test_another_working_space_is_noted(stage):
+    stage.plane(2.85, stage.material(EMISSION, Color=(0.5, 0.2, 0.1, 1)))
+    assert stage.export().notes == []
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=False)
+    assert features(stage.export()) == {"Working Space ACEScg"}
+
+
+def test_more_light_than_there_is(stage):
+    """Color fields of Blender take more than 1, and Cycles reflects it."""
+    stage.plane(2.85, stage.material("ShaderNodeBsdfDiffuse", Color=(2.0, 0.5, 0.5, 1)))
+    stage.lamp("POINT", location=(0, 0, 1))
+    assert features(stage.export()) == {"Color above 1"}

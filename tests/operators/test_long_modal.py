@@ -23,7 +23,7 @@ def clock(monkeypatch):
     register = types.SimpleNamespace(register=lambda function, first_interval: timers.append(function))
     fake = types.SimpleNamespace(
         app=types.SimpleNamespace(timers=register),
-        context=types.SimpleNamespace(preferences=types.SimpleNamespace(filepaths=paths)),
+        context=types.SimpleNamespace(preferences=types.SimpleNamespace(filepaths=paths), window=None),
         dragging=False,
         data=types.SimpleNamespace(is_dirty=True, window_managers=[window_manager]),
     )

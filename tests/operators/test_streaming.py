@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.operators import devices, session
+from holopath_addon.operators import devices, long_modal, session
 from holopath_addon.workflow import output
 from tests.slm.device import Board, Firmware
 
@@ -168,3 +168,12 @@ def test_another_file_lets_go(device):
         devices.controller(board.path, 115200)
         bpy.ops.wm.read_factory_settings(use_empty=True)
         assert devices.current.controller is None and devices.current.phase is None
+
+
+def test_a_stream_goes_on_after_another_render(device, monkeypatch):
+    """It shows what it began with, and its watcher makes way for an auto-save as ever."""
+    monkeypatch.setattr(long_modal, "_paused", {"holopath.stream": {}})
+    session.keep_phase(None)
+    assert bpy.ops.holopath.stream.poll()
+    monkeypatch.setattr(long_modal, "_paused", {})
+    assert not bpy.ops.holopath.stream.poll()

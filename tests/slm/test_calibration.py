@@ -380,10 +380,11 @@ wavelengths = st.floats(200e-9, 2000e-9)
 
 
 @st.composite
-def responses(draw):
+def responses(draw, bits):
     curve = None
     if draw(st.booleans()):
-        at = {0, 65535, *draw(st.lists(finite, max_size=4))}  # all levels, whatever the bits
+        top = 2**bits - draw(st.booleans())  # the last level, or a whole turn after it
+        at = {-1, top, *draw(st.lists(st.floats(-1, top), max_size=4))}
         curve = tuple((level, draw(st.floats(-125, 125))) for level in sorted(at))
     return Response(draw(wavelengths), draw(st.floats(0.05, 20)), curve)
 
@@ -399,14 +400,15 @@ def calibrations(draw):
             draw(hypothesis_numpy.arrays(np.float32, shape, elements=elements)),
             draw(wavelengths),
         )
+    bits = draw(st.integers(1, 16))
     return Calibration(
         draw(st.text('Pluto 2µ"\\\n漢', max_size=9)),
-        draw(st.integers(1, 16)),
+        bits,
         size,
         draw(st.booleans()),
         draw(st.booleans()),
         draw(st.tuples(st.integers(-2000, 2000), st.integers(-2000, 2000))),
-        tuple(draw(st.lists(responses(), max_size=3))),
+        tuple(draw(st.lists(responses(bits), max_size=3))),
         correction,
         at,
     )
@@ -654,3 +656,33 @@ def test_damaged_corrections(content, tmp_path):
     path = write(tmp_path, correction={"file": "map.npy", "wavelength_nm": 633})
     with pytest.raises(engine.InvalidInput, match="foreign.json"):
         Calibration.load(path)
+
+
+def test_a_curve_of_more_levels_than_there_are():
+    """Its first levels alone would be a part of a turn."""
+    curve = tuple((level, TURN * level / 256) for level in range(256))
+    assert Calibration(bits=8, responses=(Response(RED, curve=curve),)).levels(np.zeros((1, 1)), RED) == 0
+    whole = ((0, 0), (256, TURN))
+    np.testing.assert_allclose(Response(RED, curve=whole).phases(8), np.arange(256) * TURN / 256)
+    with refused("runs to level 255, but the highest level of 4 bits is 15"):
+        Response(RED, curve=curve).phases(4)
+
+
+@pytest.mark.parametrize(
+    ("values", "name", "says"),
+    [
+        (np.zeros((4, 4), np.uint8), "flat.npy", "whole numbers instead of radians"),
+        (
+            np.dstack([np.zeros((4, 4)), np.ones((4, 4)), np.zeros((4, 4))]).astype(np.uint8),
+            "flat.png",
+            "colors",
+        ),
+    ],
+)
+def test_a_correction_that_is_no_phase(values, name, says, tmp_path):
+    if name.endswith("npy"):
+        np.save(tmp_path / name, values)
+    else:
+        variants.bitmaps().Bitmap(values).write(str(tmp_path / name))
+    with refused(says):
+        Calibration.load(write(tmp_path, correction={"file": name, "wavelength_nm": 633}))

@@ -544,7 +544,7 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{out}", "--bits", "8", "--packing", "bits"], "at most 1 bit"),
         (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, got 8"),
         (["{out}", "--packing", "R5-7"], "highest bit of a level first, got R5-7"),
-        (["{out}", "--order", "RGG"], "order of the channels R, G and B"),
+        (["{out}", "--packing", "color", "--order", "RGG"], "order of the channels R, G and B"),
         (["{out}", "--packing", "magic"], "no packing magic: choose one of time"),
         (["{out}", "--kind", "tiff"], "invalid choice"),
         (["{out}", "--driver", "magic"], "invalid choice"),
@@ -609,3 +609,18 @@ def test_files_for_micromirrors(folder, tmp_path):
     assert run(folder, *words, "--calibration", tmp_path / "plm.json") == 0
     found = read(tmp_path / "o" / "picture_000000.png")
     assert found.shape == (2 * HEIGHT, 2 * WIDTH, 3) and len(list((tmp_path / "o").iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["--out", "pictures"], "--out"),
+        (["--driver", "virtual", "--kind", "raw"], "--kind"),
+        (["--camera", "true"], "--camera"),
+        (["--focus-planes", "planes.json"], "--focus-planes"),
+        (["--driver", "files", "--order", "BGR"], "--order"),
+        (["--driver", "serial", "--captures", "c", "--loops", "2"], "--loops"),
+    ],
+)
+def test_options_without_effect(folder, capfd, words, option):
+    one_line(capfd, run(folder, *words), f"{option} would have no effect here")

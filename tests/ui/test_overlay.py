@@ -118,3 +118,27 @@ def test_nothing_to_draw(turned, monkeypatch):
         with pytest.raises(engine.InvalidInput):
             overlay.outlines(turned)
         assert overlay._visible_outlines(context) == []
+
+
+def test_what_lens_and_stop_leave_is_drawn(turned):
+    """Frames are those of the picture, a square behind a lens; the pupil is where the stop is open."""
+    props = turned.holopath
+    props.resolution_x, props.resolution_y, optics = 96, 48, props.optics
+
+    def aspect():
+        corners = by_label(turned)["2 m (0.5 D)"].corners
+        return np.linalg.norm(corners[3] - corners[0]) / np.linalg.norm(corners[1] - corners[0])
+
+    assert aspect() == pytest.approx(2)
+    optics.use_lens = True
+    assert aspect() == pytest.approx(1)
+    optics.use_lens, optics.stop = False, "half"
+    hologram = properties.hologram_of(props)
+    circle = next(o for o in overlay.outlines(turned) if o.at_camera)
+    x, y, radius = hologram.optics.stop_circle
+    mapping = DepthMapping.of(hologram, view_of(turned.camera, (96, 48), 0.01), 0.4)
+    reach = mapping.pupil_radius(hologram.max_slope(max(hologram.wavelengths)))
+    to_camera = turned.camera.matrix_world.inverted()
+    local = np.array([to_camera @ Vector(corner) for corner in circle.corners])[:, :2] * 0.01
+    np.testing.assert_allclose(local.mean(0), (x * reach, y * reach), atol=1e-3 * reach)
+    np.testing.assert_allclose(np.hypot(*(local - local.mean(0)).T), radius * reach, rtol=1e-3)

@@ -42,7 +42,8 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     each_color = parts(stages["images"], colors)
     for wavelength, on_progress in zip(hologram.wavelengths, each_color, strict=True):
         slope = hologram.max_slope(wavelength)
-        own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
+        grid = squares.hologram
+        own = replace(squares, hologram=replace(grid, wavelengths=(wavelength,), optics=grid.optics.of_rays))
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
         views.append(through_pupil(own, z, scaled, on_progress, paths)[:, 0])
 

@@ -274,7 +274,7 @@ def _radiance(job, origins, directions, progress):
         part = slice(first, first + chunk)
         ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(origins[:, part]), mi.Vector3f(directions[:, part])))
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(dr.opaque(mi.UInt32, job.settings.seed * 9973 + first), dr.width(ray))
+        sampler.seed(dr.opaque(mi.UInt32, (job.settings.seed * 9973 + first) & 0xFFFFFFFF), dr.width(ray))
 
         def body(number, light, sampler, ray=ray):
             radiance, _, _ = integrator.sample(job.scene, sampler, ray, None, True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..hologram import channel
-from ..optics import Pupil
+from ..optics import Pupil, Stop
 from ..viewing.depth import depth_map
 from ..viewing.preview import Preview
 from ..viewing.reference import reference
@@ -94,12 +95,14 @@ def through_pupil(
         Means over the open part; black where nothing is open.
     """
     scale, count = job.mapping.pupil_radius(1.0), len(job.hologram.wavelengths)
+    # a field has the light of the whole cone, and serves every stop
+    hologram = replace(job.hologram, optics=replace(job.hologram.optics, carrier=None, stop=Stop()))
     images = []
     for number, (x, y, radius) in enumerate(parts):
         image = reference(
             job.scene,
             job.camera,
-            job.hologram,
+            hologram,
             [float(job.mapping.z_to_depth(z))],
             Pupil(x * scale, y * scale, 2 * radius * scale),
             math.ceil(paths / count),

@@ -168,6 +168,7 @@ class EncodingOptions:
             ("compared_planes", self.compared_planes, 1, 64),
             ("randomness", self.randomness, 0, 1),
             ("eyebox", self.eyebox, 0, 1),
+            ("seed", self.seed, 0, 2**63 - 1),
         ):
             if value is not None and not low <= value <= high:
                 raise InvalidInput(f"Expected {name} from {low} to {high}, got {value}.")
@@ -200,6 +201,11 @@ class EncodingOptions:
             raise InvalidInput(
                 f"The encoding {self.method} starts with the field's phases. Omit the randomness, or choose joint or "
                 "refine."
+            )
+        if self.randomness is not None and (self.start == "dpac" or self.supervision != SUPERVISIONS[0]):
+            raise InvalidInput(
+                f"Phases begin with randomness {self.randomness:g} here, and no frame is optimized by itself. Omit "
+                "the start dpac and the amplitude supervision, or choose sgd."
             )
 
     def _check_sizes(self, field):

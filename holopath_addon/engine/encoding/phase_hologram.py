@@ -96,6 +96,14 @@ class PhaseHologram:
             raise InvalidInput(
                 f"Expected one set of levels for each of the wavelengths, {self.data.shape[1]}, got {len(levels)}."
             )
+        for each in levels or ():
+            for name in ("correction", "variation"):
+                values = getattr(each, name, None)
+                if values is not None and values.shape != tuple(self.data.shape[-2:]):
+                    raise InvalidInput(
+                        f"The {name} of the levels has the shape {values.shape}, the phases {self.data.shape[-2:]}. "
+                        "Give one of their shape."
+                    )
         gains = arrays.like(np.asarray(self.gains, np.float32)[:, None, None], self.data)
         if display is None:
             light = (modulator or Modulator()).light(self._nearest(levels))

@@ -143,7 +143,7 @@ def survey_scene(
     """
     near = near_end(scene, camera, hologram, settings.seed)
     progress(0.2)
-    beside = settings.fixed.get("beside", pixels_beside(hologram))
+    beside = settings.fixed.get("beside", pixels_beside(hologram, camera, near))
     camera, hologram = widened(camera, hologram, beside)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import baselines
+from ..errors import InvalidInput
 from ..mapping import traced, widened
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts, stage
@@ -99,6 +100,7 @@ def render(
         with clock("plan"):
             plan = planner.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
     elif settings is not None and settings != plan.requested:
+        _check_same_kind(settings, plan)
         plan = replace(plan, requested=settings, settings=planner.resolved(settings))
     settings = plan.settings
     if settings.method in BASELINES:
@@ -129,6 +131,16 @@ def render(
     own = field[: settings.frames].copy() if extra_frames else field
     rendered = WaveField(own, hologram, camera, plan.near, plan.to_dict(), report)
     return replace(rendered, extra_frames=field[settings.frames :]) if extra_frames else rendered
+
+
+def _check_same_kind(settings, plan):
+    """Refuse settings that need other decisions than those of a plan."""
+    for name in ("method", "radiance", "estimator"):
+        given, planned = getattr(planner.resolved(settings), name), getattr(plan.settings, name)
+        if given != planned and (name != "method" or {given, planned} & set(BASELINES)):
+            raise InvalidInput(
+                f"The plan is for the {name} {planned}, not {given}. Omit it, or plan with these settings."
+            )
 
 
 def _waves(recording, sets, straight, display, progress):

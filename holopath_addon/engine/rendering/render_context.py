@@ -104,7 +104,10 @@ class RenderContext:
     def _recording(self, group):
         from ..tracing.recording import Recording
 
-        camera, part, plan = self.camera, replace(self.hologram, wavelengths=group), self.plan
+        # a beam has its own place for each wavelength of the whole, and does not affect rays
+        optics = self.hologram.optics.of_rays
+        camera, plan = self.camera, self.plan
+        part = replace(self.hologram, wavelengths=group, optics=optics)
         if isinstance(part, AerialImage):
             camera, part = filled(camera, part)
         if self.cache is not None:

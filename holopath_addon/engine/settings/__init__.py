@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
 from ..errors import InvalidInput
 from .choices import ESTIMATORS, METHODS, PHASE_FIELDS, QUALITIES, RADIANCES, VIRTUAL_IMAGES
 from .former_names import current_name, with_current_names
@@ -339,6 +341,9 @@ class Settings:
     def __post_init__(self):
         for name, declared in DECLARED.items():
             value = getattr(self, name)
+            if isinstance(value, np.generic):
+                value = value.item()
+                object.__setattr__(self, name, value)
             if name != "fixed" and not (declared.switch and value == default_of(name)):
                 declared.check(value)
 

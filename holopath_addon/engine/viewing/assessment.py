@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..mapping import border_pixels, squared
 from ..optics import Pupil
 from ..waves.lens import behind_lens
 from .metrics import psnr
@@ -178,10 +179,10 @@ class PathTraced:
     @property
     def border(self) -> int:
         """Number of pixels at each edge that lose light to the SLM's aperture, at the deepest end of the volume."""
-        hologram = self.field.hologram.picture
-        depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
+        camera, hologram = squared(self.field.camera, self.field.hologram)
+        pixels = border_pixels(hologram, camera, self.field.near)
         limit = (min(hologram.width, hologram.height) - MIN_COMPARED) // 2
-        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), limit))
+        return max(0, min(pixels, limit))
 
 
 def brightness(field: WaveField, image: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, real_numbers
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
@@ -225,7 +225,10 @@ class Refocuser:
         InvalidInput
             If a focus is not in front of the camera or the pupil misses the light.
         """
-        views = [(float(z), pupil) for z in self.field.mapping.depth_to_z(list(focus))]
+        depths = list(real_numbers(focus, "the focus"))
+        if not depths:
+            raise InvalidInput("Expected at least one focus distance, got none.")
+        views = [(float(z), pupil) for z in self.field.mapping.depth_to_z(depths)]
         with self._lock:
             return self._pictures(views, progress, apart)
 
@@ -322,14 +325,18 @@ class Refocuser:
             mask = self._mask(k, padded, pupil)
             pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
             mask = arrays.mask(circular_band(padded, pitch) if mask is None else mask, data)
+            # pixels of the display, and squares of the image, in which near images count light
+            area = math.prod(axes(pitch)) / coarsest(size.pitch) ** 2
+            ramps = [self._ramp(k, z - own) for z in distances]
             transforms = [
                 Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
-                for number, transform in enumerate(transforms):
-                    images[number, ..., k] += arrays.intensity(transform.propagate(wave)) / frames
+                for number, (transform, ramp) in enumerate(zip(transforms, ramps, strict=True)):
+                    light = wave if ramp is None else wave * ramp
+                    images[number, ..., k] += arrays.intensity(transform.propagate(light)) * (area / frames)
                 done += len(transforms)
                 progress(done / (len(distances) * frames * colors), "Refocusing")
         # the light of a grid of pixels repeats beyond these bounds
@@ -339,6 +346,24 @@ class Refocuser:
             within = arrays.mask(within, data)
             images *= within[None, :, None, None] if axis == 1 else within[None, None, :, None]
         return images
+
+    def _ramp(self, k, distance):
+        """Phase factor that moves the Fresnel transform of a wavelength by its shift; None without a shift.
+
+        u(x - s) at a distance z is U(x' - s), for U the transform of u(y) exp(2 pi i y s / (wavelength z)).
+        """
+        wavelength = self._grid.wavelengths[k]
+        raster = self._grid.raster(wavelength)
+        if not any(raster.middle):
+            return None
+        ramp = 1.0
+        for axis, (n, d, shift) in enumerate(
+            zip(raster.shape, axes(raster.pitch), raster.middle, strict=True)
+        ):
+            turns = (np.arange(n) - (n - 1) / 2) * (d * shift / (wavelength * distance))
+            factor = np.exp(2j * math.pi * turns)
+            ramp = ramp * (factor[:, None] if axis == 0 else factor[None, :])
+        return arrays.like(ramp, self.field.data, "complex64")
 
     def _near(self, views, progress, apart):
         """Images within the angular spectrum's range, see `far_from`."""

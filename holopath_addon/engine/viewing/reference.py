@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..errors import InvalidInput
 from ..hologram import channel
 from ..mapping import DepthMapping, squared
 from ..pixels import coarsest
@@ -250,9 +251,10 @@ def _image(scene, integrator, lens, pupils, hologram, spp, seed, progress):
     for strip, first in enumerate(range(0, hologram.height, rows)):
         first = min(first, hologram.height - rows)  # strips of one size are one program; the last may overlap
         sensor.first = dr.opaque(mi.Float, first)
-        part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed * count + strip)
+        own = (seed * count + strip) & 0xFFFFFFFF
+        part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own)
         # dividing by the mean weight of the same points removes the noise of the pupil itself
-        weight = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=seed * count + strip)
+        weight = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=own)
         image[first : first + rows] = np.asarray(part) / np.maximum(np.asarray(weight), 1e-6)
         progress((strip + 1) / count)
     return image
@@ -277,8 +279,18 @@ def diffracted(
     Returns
     -------
     numpy.ndarray, float32, shape of `pictures`
+
+    Raises
+    ------
+    InvalidInput
+        If pictures, wavelengths and openings differ in number.
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
+    if not pictures.shape[-1] == len(openings) == len(hologram.wavelengths):
+        raise InvalidInput(
+            f"Expected pictures and openings of {len(hologram.wavelengths)} wavelengths, got {pictures.shape[-1]} and "
+            f"{len(openings)}."
+        )
     grid, (rows, columns) = hologram.picture, pictures.shape[-3:-1]
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)

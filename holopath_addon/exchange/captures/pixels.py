@@ -8,6 +8,7 @@ import numpy as np
 
 from ...engine import InvalidInput
 from ...engine.scene import variants
+from ..pictures import check_exr, check_palette
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,6 +57,8 @@ def stored_pixels(path: Path) -> tuple[np.ndarray, list[str]]:
     """
     try:
         pixels, names = _array(path) if path.suffix.lower() == ".npy" else _bitmap(path)
+    except InvalidInput:
+        raise
     except Exception as error:  # a file may hold anything
         reason = " ".join(str(error).split())[:200]
         raise InvalidInput(f"{path} cannot be read as a picture ({reason}). Give another file.") from None
@@ -70,7 +73,12 @@ def _bitmap(path):
     bitmap = variants.bitmaps().Bitmap(str(path))
     if bitmap.pixel_count() > MAX_PIXELS:
         raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
-    return np.array(bitmap), [field.name for field in bitmap.struct_()]
+    pixels, kind = np.array(bitmap), path.suffix.lower()
+    if kind == ".bmp":
+        check_palette(path, pixels)
+    elif kind == ".exr":
+        check_exr(path)
+    return pixels, [field.name for field in bitmap.struct_()]
 
 
 def _array(path):

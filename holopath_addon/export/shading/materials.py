@@ -630,6 +630,10 @@ class _ShaderReader:
     def _build(self, value, gray=False, limit=None):
         if isinstance(value, ImageValue):
             self.uv_names.append(value.uv_name)
+        elif limit is not None and not gray and np.max(value) > 1.001 * limit:
+            self._note(
+                "Color above 1", "shown as 1: no surface reflects or transmits more light than it gets"
+            )
         return self._textures.build(value, gray, limit)
 
     def _note(self, feature, effect):

@@ -73,6 +73,14 @@ def stand_in_effect(source):
     return ""
 
 
+def effect_beside_surfaces(source):
+    """As `stand_in_effect`, of lights and worlds, whose scene for baking lacks more."""
+    node = source.node
+    if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
+        return "reads 0, as lights and worlds are baked in a scene of their own"
+    return stand_in_effect(source)
+
+
 @dataclass(frozen=True, eq=False)
 class RawImage:
     """Pixels in place of a Blender image.
@@ -549,9 +557,10 @@ class Textures:
                 return False
             turned = sides[1].socket.default_value
             return abs(turned[0]) + abs(turned[1]) < 1e-6 and self._reads_uv(source.input("Vector"))
-        return node.bl_idname == "ShaderNodeUVMap" or (
+        reads = node.bl_idname == "ShaderNodeUVMap" or (
             node.bl_idname == "ShaderNodeTexCoord" and source.socket.name == "UV"
         )
+        return reads and not node.from_instancer
 
     def constant(self, pin, owner, fallback):
         """Constant value that feeds a socket, for parameters without textures; others are noted and replaced."""

@@ -13,6 +13,7 @@ from .refocusing import (
     keep_and_show,
     refocus,
     refocus_by_settings,
+    refocus_if_changed,
     restore_picture,
     show_preview,
     stop_polling,
@@ -122,6 +123,15 @@ def _show_chosen_frame(props):
         show_phase(props.phase_frame)
 
 
+@bpy.app.handlers.persistent
+def _show_undone(*_):
+    """Show what the settings describe after an undo, which restores them without a call for each."""
+    scene = bpy.context.scene
+    if scene is not None and current.refocuser is not None:
+        _show_chosen_frame(properties.of(scene))
+        refocus_if_changed(properties.of(scene))
+
+
 def handlers():
     """Callbacks for changed settings, opened files and the end of F12's renders: see `registration`.
 
@@ -135,6 +145,8 @@ def handlers():
         (properties.on_view_change, refocus_by_settings),
         (on_bench_change, _refocus_on_bench),
         (properties.on_frame_change, _show_chosen_frame),
+        (handlers.undo_post, _show_undone),
+        (handlers.redo_post, _show_undone),
         (handlers.load_pre, _stop_work),
         (handlers.load_post, _forget_file),
         (handlers.render_complete, _on_render_end),

@@ -100,6 +100,16 @@ def refocus_by_settings(props):
     request_refocus(*arguments)
 
 
+def refocus_if_changed(props):
+    """As `refocus_by_settings`, unless the last picture was requested with the same settings."""
+    try:
+        changed = properties.reconstruction_of(props) != current.refocused
+    except (engine.InvalidInput, engine.BackendUnavailable):
+        changed = True  # which then says why
+    if changed:
+        refocus_by_settings(props)
+
+
 def request_refocus(focus, pupil, modulator, optics):
     """`refocus` at once if that is quick, else soon in a thread; a new request replaces a waiting one.
 
@@ -110,7 +120,7 @@ def request_refocus(focus, pupil, modulator, optics):
     """
     if current.refocuser is None:
         return
-    current.error = ""
+    current.error, current.refocused = "", (focus, pupil, modulator, optics)
     if bpy.app.background or (current.refocus_seconds < MAX_DIRECT_SECONDS and not is_refocusing()):
         try:
             refocus(focus, pupil, modulator, optics)

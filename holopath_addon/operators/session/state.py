@@ -60,6 +60,8 @@ class Session:
         Picture being refocused.
     refocus_request : tuple or None
         Arguments of the picture to refocus next, see `properties.reconstruction_of`.
+    refocused : tuple or None
+        Arguments of the picture requested last.
     refocus_seconds : float
         Duration of the last refocusing of that field.
     sweep_timer : bpy.types.Timer or None
@@ -86,6 +88,7 @@ class Session:
     bake_scene: str = ""
     refocus_job: Job | None = None
     refocus_request: tuple | None = None
+    refocused: tuple | None = None
     refocus_seconds: float = math.inf
     sweep_timer: bpy.types.Timer | None = None
 

@@ -312,3 +312,30 @@ def test_cancelled(build, camera, method, stage):
     with pytest.raises(engine.Cancelled):
         engine.render(card_before_wall(build), camera, display(side=64), settings, progress=progress)
     assert reports[-1] in (("Picture", "Pictures") if stage == "first" else ("Layers", "Phases"))
+
+
+def test_a_light_field_under_a_measured_beam_of_each_wavelength(build, camera):
+    """Rays of one wavelength know nothing of the beams of all."""
+    colors = (640e-9, GREEN)
+    beam = engine.Beam("measured", measured=np.ones((2, 32, 32)))
+    hologram = engine.Hologram(32, 32, 8e-6, colors, 1e-3, 2e-3, near=0.5, optics=engine.Optics(beam))
+    wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
+    assert render("light-field", wall, camera, hologram, frames=1, steps=1).data.shape == (1, 2, 32, 32)
+
+
+def test_targets_of_pictures_are_those_of_the_whole_cone(build, camera):
+    """One field serves every stop: it is the same behind any, and also as bright as without one."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
+    fields = [
+        render("focal-stack", wall, camera, engine.Hologram(32, 32, 8e-6, (GREEN,), 1e-3, 2e-3, near=0.5, **bench),
+               frames=1, steps=3)
+        for bench in ({}, {"optics": engine.Optics(carrier="auto")})
+    ]  # fmt: skip
+    np.testing.assert_array_equal(fields[0].data, fields[1].data)
+
+
+@pytest.mark.parametrize("method", ["focal-stack", "polygon"])
+def test_any_seed(build, camera, method):
+    """A date is one, too."""
+    small = engine.Hologram(16, 16, 8e-6, (GREEN,), 1e-3, 2e-3, near=0.5)
+    render(method, card_before_wall(build), camera, small, frames=1, steps=1, seed=2026_11_29 * 1000)

@@ -215,6 +215,9 @@ def test_phases_begin_as_random_as_they_should():
         ({"randomness": 1.5}, "randomness from 0 to 1"),
         ({"eyebox": -0.1}, "eyebox from 0 to 1"),
         ({"method": "sgd", "randomness": 0.2}, "sgd starts with the field's phases"),
+        ({"randomness": 0.2, "start": "dpac"}, "begin with randomness 0.2 here.*Omit the start"),
+        ({"randomness": 0.2, "supervision": "amplitude"}, "no frame is optimized by itself"),
+        ({"method": "auto", "supervision": "amplitude"}, "begin with randomness 0.1 here"),
     ],
 )
 def test_randomness_and_eyebox_that_do_not_fit(options, words):

@@ -121,3 +121,11 @@ def test_a_pupil_is_the_bins_whose_waves_meet_it():
         np.testing.assert_array_equal(found, expected)
         met += 1
     assert met > 100
+
+
+@pytest.mark.parametrize(
+    ("focus", "says"), [([], "at least one focus"), (0.5, "the focus as a list of numbers")]
+)
+def test_no_list_of_distances(field, focus, says):
+    with pytest.raises(engine.InvalidInput, match=says):
+        engine.reconstruct(field, focus)

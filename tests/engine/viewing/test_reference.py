@@ -7,6 +7,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.viewing.reference import diffracted
 
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 SIZE = 80, 64
@@ -74,3 +75,9 @@ def test_light_that_is_no_number_is_left_out(build, camera, display):
     (picture,) = engine.reference(scene, camera, display, [1.0], spp=16, near=0.5)
     assert np.isfinite(picture).all()
     assert picture.max() == pytest.approx(0.6, rel=1e-3) and picture.min() < 0.1
+
+
+def test_pictures_of_other_wavelengths_than_the_hologram():
+    hologram = engine.Hologram(16, 16, 8e-6, (516.5e-9,))
+    with pytest.raises(engine.InvalidInput, match="of 1 wavelengths, got 3 and 1"):
+        diffracted(np.ones((16, 16, 3)), hologram)

@@ -71,3 +71,18 @@ def test_refocus_the_hologram(scene):
     bpy.ops.holopath.encode()  # bits in the loop
     levels = session.current.phase.data / np.pi
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
+
+
+def test_the_picture_follows_an_undo(scene, monkeypatch):
+    """Blender restores settings without a call for each; what has not changed is not refocused again."""
+    bpy.ops.holopath.render_hologram()
+    scene.holopath.focus = 2.0
+    before, calls = picture(), []
+    monkeypatch.setattr(session.refocusing.properties, "on_view_change", [])
+    scene.holopath.focus = 1.0
+    np.testing.assert_array_equal(picture(), before)
+    session._show_undone()
+    assert np.abs(picture() - before).max() > 0
+    monkeypatch.setattr(session.refocusing, "refocus_by_settings", calls.append)
+    session._show_undone()
+    assert calls == []
