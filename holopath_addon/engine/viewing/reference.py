@@ -77,12 +77,14 @@ def reference(
     Raises
     ------
     InvalidInput
-        If a focus is not in front of the camera.
+        If a focus is not in front of the camera, or there are no paths.
     BackendUnavailable
         If Mitsuba cannot compute on this machine.
     Cancelled
         If `progress` raised it.
     """
+    if spp < 1:
+        raise InvalidInput(f"Expected at least one path for each pixel, got {spp}.")
     if halves:
         on_progress = progress or (lambda done, message: None)
         images = [

@@ -74,7 +74,7 @@ def stand_in_effect(source):
 
 
 def effect_beside_surfaces(source):
-    """As `stand_in_effect`, of lights and worlds, whose scene for baking lacks more."""
+    """Effect as of `stand_in_effect`, on lights and worlds, whose scene for baking lacks more."""
     node = source.node
     if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
         return "reads 0, as lights and worlds are baked in a scene of their own"

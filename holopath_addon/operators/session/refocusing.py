@@ -101,7 +101,7 @@ def refocus_by_settings(props):
 
 
 def refocus_if_changed(props):
-    """As `refocus_by_settings`, unless the last picture was requested with the same settings."""
+    """Call `refocus_by_settings`, unless the last picture was requested with the same settings."""
     try:
         changed = properties.reconstruction_of(props) != current.refocused
     except (engine.InvalidInput, engine.BackendUnavailable):
