@@ -10,6 +10,7 @@ from pathlib import Path
 from .. import engine
 from ..blender.demo import DEMOS
 from ..engine import displays
+from ..engine.baselines import network
 from ..engine.progress import Stages
 from ..engine.settings import ENCODE_SECONDS, EYEBOX
 from ..engine.settings.choices import BASELINES, DEPTH_MAPPINGS, ENCODINGS
@@ -567,7 +568,7 @@ def levels_of(args, hologram):
 
 
 def files_of(args):
-    """Files of the beam, the stop and the measured levels.
+    """Files of the beam, the stop, the colors and the measured levels.
 
     Parameters
     ----------
@@ -579,6 +580,8 @@ def files_of(args):
         By their role.
     """
     bench = stop_files(args.stop) | {f"beam {role}": path for role, path in beam_files(args.beam).items()}
+    if args.colors_from is not None:
+        bench |= {f"colors {role}": path for role, path in response_files(args.colors_from).items()}
     return bench | ({} if args.response is None else response_files(args.response))
 
 
@@ -776,9 +779,10 @@ def check_encoding(args, settings, hologram):
         If the options do not fit each other, or the hologram.
     """
     method, levels, display = args.encode, levels_of(args, hologram), display_of(args, hologram.wavelengths)
-    if args.encode_start == "before" and (
-        method in ("none", "dpac") or not (args.animation or args.frame_range)
-    ):
+    is_animation = getattr(args, "animation", False) or getattr(
+        args, "frame_range", None
+    )  # of `render` alone
+    if args.encode_start == "before" and (method in ("none", "dpac") or not is_animation):
         raise engine.InvalidInput(
             "Expected an animation and a method with gradient descent for --encode-start before. Add --animation and "
             "--encode auto, or omit it."
@@ -957,8 +961,8 @@ def _job(args, source):
     """The job: every input that affects the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = {**source.files, **files_of(args)}
-    return SharedJob(scene, output.plain(words), digests(files), versions())
+    files = digests({**source.files, **files_of(args)}) | network.digests()
+    return SharedJob(scene, output.plain(words), files, versions())
 
 
 def versions():

@@ -25,6 +25,7 @@ from .console import Progress
 from .options import add_old_name, argument, listed, numbers, pitch, say
 
 MAX_WAIT = 30.0  # seconds for a lost device
+PULSE = 100  # microseconds
 
 
 def add(command):
@@ -92,6 +93,9 @@ def add(command):
         help="maximum wait for a lost device, seconds (default %(default)g)",
     )
     _add_device(stream)
+    group = stream.add_argument_group("pulses").add_argument
+    group("--trigger", action="store_true", help="send a pulse by the controller for each picture")
+    group("--pulse", type=int, metavar="US", help=f"length of the pulse in microseconds (default {PULSE})")
     group = stream.add_argument_group("driver files").add_argument
     group("--out", metavar="DIR", help="output folder (default DIR/pictures)")
     group(
@@ -268,14 +272,6 @@ def _add_device(parser):
     group = parser.add_argument_group("driver serial, trigger and focus").add_argument
     group("--port", metavar="PORT", help="serial port of the controller")
     group("--baud", type=int, default=BAUD, help="baud rate (default %(default)s)")
-    group("--trigger", action="store_true", help="send a pulse by the controller for each picture")
-    group(
-        "--pulse",
-        type=int,
-        default=100,
-        metavar="US",
-        help="length of the pulse in microseconds (default %(default)s)",
-    )
     group = parser.add_argument_group("driver slmsuite").add_argument
     group("--device", default="simulated", metavar="NAME", help="SLM of slmsuite (default simulated)")
     group(
@@ -294,9 +290,10 @@ def _stream(args):
         )
     if args.loops is not None and args.loops < 0:
         raise engine.InvalidInput(f"Expected 0 or more rounds, got {args.loops}. Give --loops 0 for no end.")
-    if not 0 < args.pulse < 2**32:
+    pulse = PULSE if args.pulse is None else args.pulse
+    if not 0 < pulse < 2**32:
         raise engine.InvalidInput(
-            f"Expected a pulse of 1 to {2**32 - 1} microseconds, got {args.pulse}. Give another --pulse."
+            f"Expected a pulse of 1 to {2**32 - 1} microseconds, got {pulse}. Give another --pulse."
         )
     _refuse_unused(args)
     holograms = output.stored_holograms(args.folder)
@@ -306,6 +303,11 @@ def _stream(args):
         if calibration is None:
             calibration, falling = slm.Calibration(falling=falling), False
         calibration = replace(calibration, bits=args.bits)
+    if slm.packing_of(args.packing).grid != (1, 1) and not (calibration and calibration.responses):
+        raise engine.InvalidInput(
+            f"The levels of a device for the packing {args.packing} are uneven. Give its calibration with responses, "
+            "see docs/slm.md."
+        )
     sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats, falling)
     driver = _driver(args, sequence)
     controller = _controller(args, driver)
@@ -322,7 +324,7 @@ def _stream(args):
     loops = args.loops if args.loops is not None else 1 if must_end else 0
     trigger = None
     if args.trigger and controller is not None:
-        trigger = partial(controller.trigger, microseconds=args.pulse)
+        trigger = partial(controller.trigger, microseconds=pulse)
     watch = _Watch(progress)
     try:
         if controller is not None and controller is not getattr(driver, "controller", None):
@@ -347,6 +349,7 @@ def _refuse_unused(args):
     for flag, is_given, has_effect, remedy in (
         ("--out", args.out is not None, args.driver == "files", "Add --driver files"),
         ("--kind", args.kind is not None, args.driver == "files", "Add --driver files"),
+        ("--pulse", args.pulse is not None, args.trigger, "Add --trigger"),
         ("--camera", args.camera is not None, args.captures, "Add --captures DIR"),
         ("--focus-planes", args.focus_planes is not None, args.captures, "Add --captures DIR"),
         ("--order", args.order != "RGB", args.packing != "time", "Add --packing color"),
@@ -419,6 +422,11 @@ def _capture(args, sequence, driver, controller, trigger, progress, watch):
     hologram = sequence.holograms[0].hologram
     planes, sweep_progress = _planes(args, hologram), stage(progress, 0.1, 0.99)
     if args.driver == "virtual":
+        if len(sequence.holograms) > 1:
+            raise engine.InvalidInput(
+                f"Expected one hologram for captures of the virtual bench, got {len(sequence.holograms)}. Give the "
+                "folder of one frame."
+            )
         counts = slm.stream(sequence, driver, args.rate, args.loops or 1, None, trigger)
         files = _virtual_captures(driver, planes, hologram.wavelengths, sweep_progress)
         output.write_pictures(Path(args.captures), files)

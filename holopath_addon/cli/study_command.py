@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import engine
+from ..engine.baselines import network
 from ..engine.progress import Stages
 from ..exchange.captures import SUFFIXES
 from ..farm import study as studies
@@ -157,11 +158,17 @@ def _work(study, out, runs, say):
 
 def _job(study, run_args, scenes):
     """The job: every input that affects the results, such as the runs and the scenes' files."""
-    files: dict = {}
+    files: dict = network.digests()
     inputs: dict = {"runs": sorted(run.digest for run in study.runs)}
+    known = set()
     for run, args in zip(study.runs, run_args, strict=True):
-        if run.scene in inputs:
+        files |= {
+            f"{run.scene}: {role}": digest for role, digest in digests(render_command.files_of(args)).items()
+        }
+        opened = run.scene, str(args.define), args.scene_name  # which may have other files each
+        if opened in known:
             continue
+        known.add(opened)
         source = scenes.open(argparse.Namespace(**{**vars(args), "at_frame": None}))
         entries = {f"{run.scene}: {name}": digest for name, digest in digests(source.files).items()}
         inputs[run.scene] = entries.pop(f"{run.scene}: {Path(run.scene).name}", "")
@@ -228,12 +235,12 @@ def _study(args):
     except (Exception, KeyboardInterrupt) as error:
         if not failures.cancelled(error):
             raise
-        studies.write_table(study, out)
+        studies.write_table(study, out, work.job.digest)
         raise engine.Cancelled(
             f"Canceled: finished runs are in {out}. The same command continues after them."
         ) from error
     progress(0.999, "Writing the table")
-    if not studies.write_table(study, out):
+    if not studies.write_table(study, out, work.job.digest):
         progress.say("note: table.h5 is not written, because it needs h5py: `pip install h5py`.")
     count, failed = len(work.units), sum(studies.failure(out, name) is not None for name in work.units)
     if failed:

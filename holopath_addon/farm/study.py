@@ -194,7 +194,7 @@ def _views(table):
         raise InvalidInput("Expected count and seed of [views] as whole numbers, such as count = 20.")
     frames = ranges.frames(str(table["frames"])) if "frames" in table else (None,)
     low, high = np.transpose([_range(table, name) for name in (*MOVES, *TURNS)])
-    for view, (frame, _) in enumerate(itertools.product(frames, range(count))):
+    for view, (_, frame) in enumerate(itertools.product(range(count), frames)):
         place = [f"{x:.6g}" for x in np.random.default_rng([seed, view]).uniform(low, high)]
         options = {} if frame is None else {"at_frame": frame}
         options |= {"move": ",".join(place[:3])} if any(name in table for name in MOVES) else {}
@@ -289,7 +289,7 @@ def _failure_file(out, name):
     return out / "failed" / f"{name}.txt"
 
 
-def rows(study: Study, out: Path) -> list[dict]:
+def rows(study: Study, out: Path, job: str | None = None) -> list[dict]:
     """Make the table: a row for each run and focus distance, or for a missing run.
 
     Parameters
@@ -297,6 +297,8 @@ def rows(study: Study, out: Path) -> list[dict]:
     study : Study
     out : Path
         Its output folder.
+    job : str, optional
+        Digest of its job: a run of another one, as of an earlier scene, is missing. Default: any.
 
     Returns
     -------
@@ -308,7 +310,7 @@ def rows(study: Study, out: Path) -> list[dict]:
         folder = run.folder(out)
         error, report = failure(out, folder.name), output.read_report(folder)
         row = {"run": folder.name, **run.row()}
-        if error or not report:
+        if error or not report or job not in (None, report.get("job")):
             table.append({**row, "error": error or "This run is not made yet."})
             continue
         columns = _columns_of(report)
@@ -378,8 +380,13 @@ def _number(value):
     return math.inf if value == "inf" else math.nan if value == "nan" else value
 
 
-def write_table(study: Study, out: Path) -> bool:
+def write_table(study: Study, out: Path, job: str | None = None) -> bool:
     """Write ``table.csv`` and, if h5py is installed, ``table.h5``, each complete or not at all.
+
+    Parameters
+    ----------
+    study, out, job
+        See `rows`.
 
     Returns
     -------
@@ -390,7 +397,7 @@ def write_table(study: Study, out: Path) -> bool:
     ------
     OSError
     """
-    table_rows = rows(study, out)
+    table_rows = rows(study, out, job)
     columns = list(dict.fromkeys(name for row in table_rows for name in row))
     text = io.StringIO(newline="")
     table = csv.DictWriter(text, columns)

@@ -40,7 +40,7 @@ def serve(open_job: Callable[[list[str], Callable[[str], None]], Make]) -> None:
     ----------
     open_job : callable
         ``open_job(words, say)`` opens the job of a command's words, with ``say(text)`` for notes, and returns a
-        function to make its units, which serves all tasks with the same words.
+        function to make its units, which serves all tasks of the same command.
     """
     answer = _take_standard_output()
     tasks: queue.SimpleQueue = queue.SimpleQueue()
@@ -54,11 +54,13 @@ def serve(open_job: Callable[[list[str], Callable[[str], None]], Make]) -> None:
         try:
             progress = _progress(answer, canceled)
             _check_shared(task["mark"], progress)
-            if current != (task["folder"], task["words"]):
+            # of each command anew, which may find other files: its mark is its own
+            wanted = (task["folder"], task["words"], task["mark"])
+            if current != wanted:
                 current, make = None, None  # free the previous scene before opening the next one
                 _enter(task["folder"])
                 make = open_job(task["words"], lambda text: answer(say=text))
-                current = (task["folder"], task["words"])
+                current = wanted
             assert make is not None
             if "unit" in task:
                 make(task["unit"], progress)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import engine
+from ..engine.baselines import network
 from ..engine.planning.planner import resolved
 
 if TYPE_CHECKING:
@@ -204,4 +205,6 @@ class Request:
             "eyebox": encoding.eyebox,
             "previous_phases": encoding.previous and encoding.previous.parent.name,
             "contact_sheet": outputs.contact_sheet,
+            "method": self.method,
+            "network": network.digests() if self.settings.method == "network" else None,
         }

@@ -53,6 +53,8 @@ _NAMES = {
     "light_field": "light field",
     "quilt": "quilt",
     "contact_sheet": "contact sheet",
+    "method": "light of all frames",
+    "network": "network",
     "settings": "setting",
 }
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine
+from holopath_addon import cli, engine, slm
 from holopath_addon.cli import render_command, sources
 from holopath_addon.workflow import output, pipeline
 from tests.patience import NEVER, SOON
@@ -459,6 +459,8 @@ def test_impossible_encodings_are_refused_before_the_render(xml, tmp_path, capfd
     refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "Omit --bits")
     out = tmp_path / "out"
     refused(cli.main(["render", *words, "--out", str(out)]), capfd.readouterr().err, 2, "Omit --bits")
+    words = ["plan", str(xml), *SMALL, "--encode", "auto", "--encode-start", "before"]
+    refused(cli.main(words), capfd.readouterr().err, 2, "Expected an animation")
     for option in (["--bits", "4"], ["--response", str(levels)]):  # for phases, and there are none
         words = [str(xml), *SMALL, *option]
         refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "Add --encode auto")
@@ -1068,3 +1070,11 @@ def test_baked_light_is_kept(tmp_path, capfd):
     assert "MB freed" in capfd.readouterr().out and not list(folder.glob("*holobake*"))
     assert cli.main(["cache", "--cache", str(folder)]) == 0
     assert capfd.readouterr().out == f"{folder}: 0 files, 0.0 MB\n"
+
+
+def test_files_that_phases_depend_on(tmp_path):
+    """A calibration that is saved again makes them anew, whichever option names it."""
+    path = tmp_path / "mine.json"
+    slm.Calibration(bits=4).save(path)
+    args = cli.parse(["render", "demo:planes", "--colors-from", str(path), "--out", "out"])
+    assert render_command.files_of(args) == {"colors response": path}

@@ -348,3 +348,22 @@ def test_parameters_of_a_scene_file(study):
     ]
     assert [run.row()["define"] for run in runs] == ["color=1, 0, 0 sharp=true", "size=16"]
     assert len({run.digest for run in runs}) == 2
+
+
+def test_more_views_leave_those_that_are_there(tmp_path):
+    """Also of several frames: each view has its place in all of them."""
+    few, many = (
+        list(studies._views({"count": count, "seed": 3, "frames": "1-3", "right": 0.1, "turn_up": 2}))
+        for count in (2, 3)
+    )
+    assert many[: len(few)] == few and len(many) == 9
+    assert len({options["move"] for _, options in many}) == 9  # each has a place of its own
+
+
+def test_rows_of_another_job_are_missing(study, tmp_path):
+    """Figures of the scene as it was before are none of the table's."""
+    path, out = study(), tmp_path / "small"
+    assert run(path) == 0
+    read = studies.read(path)
+    assert [row["error"] for row in studies.rows(read, out)] == [None, None]
+    assert [row["error"] for row in studies.rows(read, out, "another")] == ["This run is not made yet."]

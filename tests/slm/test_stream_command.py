@@ -603,7 +603,9 @@ def test_quiet(folder, tmp_path, capfd):
 def test_files_for_micromirrors(folder, tmp_path):
     """Four holograms in 24 planes of twice as many pixels; without the mirrors' heights they are refused."""
     words = ["--driver", "files", "--packing", "plm-047", "--out", tmp_path / "o", "--quiet"]
-    assert run(folder, *words) == 2 and not (tmp_path / "o").exists()
+    Calibration(bits=4, flip_x=True).save(tmp_path / "flips.json")
+    for more in ((), ("--bits", "4"), ("--calibration", tmp_path / "flips.json")):
+        assert run(folder, *words, *more) == 2 and not (tmp_path / "o").exists()
     heights = tuple((n, 0.35 * n) for n in range(16))
     Calibration(bits=4, responses=(Response(640e-9, curve=heights),)).save(tmp_path / "plm.json")
     assert run(folder, *words, "--calibration", tmp_path / "plm.json") == 0
@@ -616,6 +618,7 @@ def test_files_for_micromirrors(folder, tmp_path):
     [
         (["--out", "pictures"], "--out"),
         (["--driver", "virtual", "--kind", "raw"], "--kind"),
+        (["--driver", "files", "--pulse", "5"], "--pulse"),
         (["--camera", "true"], "--camera"),
         (["--focus-planes", "planes.json"], "--focus-planes"),
         (["--driver", "files", "--order", "BGR"], "--order"),
@@ -624,3 +627,12 @@ def test_files_for_micromirrors(folder, tmp_path):
 )
 def test_options_without_effect(folder, capfd, words, option):
     one_line(capfd, run(folder, *words), f"{option} would have no effect here")
+
+
+def test_captures_of_a_film_on_the_virtual_bench(tmp_path, capfd):
+    """It keeps one hologram, the last."""
+    for number in (1, 2):
+        hologram_of(levels_of()).save(output.frame_folder(tmp_path / "film", number) / "hologram")
+    words = ["--driver", "virtual", "--captures", tmp_path / "seen"]
+    one_line(capfd, run(tmp_path / "film", *words), "Expected one hologram for captures.*got 2")
+    assert not (tmp_path / "seen").exists()

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
+from holopath_addon.engine.baselines import network
 from holopath_addon.engine.waves.propagation import propagate
 
 SIDE, FRAMES = 64, 2
@@ -119,3 +120,18 @@ def test_faults_in_one_line(show, name, message):
 def test_cancelled_in_a_network(show):
     with pytest.raises(engine.Cancelled):
         show("own_network:stopped")
+
+
+def test_results_depend_on_the_function_s_file(tmp_path, monkeypatch):
+    """The file's digest is among the inputs of a render; a name without a file has none."""
+    path = tmp_path / "mine.py"
+    path.write_text("def flat(): pass")
+    monkeypatch.setenv("HOLOPATH_NETWORK", f"{path}:flat")
+    first = network.digests()
+    path.write_text("def flat(): return 1")
+    assert len(first) == 1 and first.keys() == network.digests().keys() and first != network.digests()
+    monkeypatch.setenv("HOLOPATH_NETWORK", "json:loads")
+    assert list(network.digests()) == ["network json:loads"]
+    for name in ("", "no.such.module:f", f"{tmp_path / 'none.py'}:f", "sys:f"):
+        monkeypatch.setenv("HOLOPATH_NETWORK", name)
+        assert network.digests() == {}
