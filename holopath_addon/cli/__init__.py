@@ -244,6 +244,7 @@ def _plan(args):
     seconds = render_command.encode_seconds_of(args)
     source = sources.open_requested(args)
     loaded, hologram, settings = render_command.load(args, source)
+    render_command.check_phases(args)
     render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = axis = None

@@ -789,10 +789,6 @@ def check_encoding(args, settings, hologram):
         )
     if levels is not None and args.bits is not None:
         raise engine.InvalidInput("Measured levels have their own number. Omit --bits.")
-    if method == "none" and not (args.bits is None and args.response is None):
-        raise engine.InvalidInput(
-            "--bits and --response are for phases, and none are requested. Add --encode auto, or omit them."
-        )
     for name in ("correction", "variation") if display is not None else ():
         if any(getattr(each, name, None) is not None for each in levels or ()):
             raise engine.InvalidInput(
@@ -856,7 +852,21 @@ def request_of(args, source, job=None):
     return request.with_scene(loaded.scene, loaded.camera, loaded.notes)
 
 
+def check_phases(args):
+    """Refuse options of phases where none are requested; a study may have both.
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
+    if args.encode == "none" and not (args.bits is None and args.response is None):
+        raise engine.InvalidInput(
+            "--bits and --response are for phases, and none are requested. Add --encode auto, or omit them."
+        )
+
+
 def _render(args):
+    check_phases(args)
     if args.attended:
         with supervised(args.scene):
             _work(args, WindowProgress())

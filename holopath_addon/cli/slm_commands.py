@@ -350,7 +350,7 @@ def _refuse_unused(args):
         ("--out", args.out is not None, args.driver == "files", "Add --driver files"),
         ("--kind", args.kind is not None, args.driver == "files", "Add --driver files"),
         ("--pulse", args.pulse is not None, args.trigger, "Add --trigger"),
-        ("--camera", args.camera is not None, args.captures, "Add --captures DIR"),
+        ("--camera", args.camera is not None, args.captures and on_device, "Add --captures DIR on a device"),
         ("--focus-planes", args.focus_planes is not None, args.captures, "Add --captures DIR"),
         ("--order", args.order != "RGB", args.packing != "time", "Add --packing color"),
         ("--loops", args.loops is not None, not (args.captures and on_device), "Omit --captures"),

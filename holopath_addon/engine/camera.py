@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import InvalidInput, real_numbers
+from .errors import InvalidInput, real_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +37,7 @@ class Camera:
     Raises
     ------
     InvalidInput
-        If the transform is not rigid or the angle is out of range.
+        If the transform is not rigid, the angle is out of range, a shift is not finite, or the clipping range is empty.
 
     Examples
     --------
@@ -67,10 +67,8 @@ class Camera:
         if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4):
             raise InvalidInput("Expected a rigid transform of the camera. Remove its scale and shear.")
         object.__setattr__(self, "to_world", matrix)
-        names = "fov_x", "shift_x", "shift_y", "clip_start", "clip_end"
-        values = real_numbers([getattr(self, name) for name in names], "the camera's view")
-        for name, value in zip(names, values, strict=True):
-            object.__setattr__(self, name, value)
+        for name in ("fov_x", "shift_x", "shift_y", "clip_start", "clip_end"):
+            object.__setattr__(self, name, real_number(getattr(self, name), name))
         if not (
             math.isfinite(self.shift_x) and math.isfinite(self.shift_y) and self.clip_start <= self.clip_end
         ):

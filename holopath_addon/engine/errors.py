@@ -29,6 +29,14 @@ def real_numbers(values: Any, what: str) -> tuple[float, ...]:
         raise InvalidInput(f"Expected {what} as a list of numbers, got {values!r:.60}.") from None
 
 
+def real_number(value: Any, what: str) -> float:
+    """A number of any type as a float; raises as `real_numbers`."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"Expected {what} as a number, got {value!r:.60}.") from None
+
+
 class BackendUnavailable(RuntimeError):
     """Mitsuba that cannot compute on this machine; the message says what to install."""
 

@@ -1,4 +1,4 @@
-"""Files and folders that appear only when they are complete."""
+"""Files and folders that appear only when they are complete, and a check of pictures."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import os
 import re
 import shutil
 import signal
+import struct
 import tempfile
 import threading
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from .errors import InvalidInput
 
@@ -229,3 +232,22 @@ def _move_away(folder):
 def _remove(folder):
     if folder is not None:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def check_palette(path: Path, pixels: np.ndarray) -> None:
+    """Refuse a BMP file whose `pixels` are not levels of gray, but indices of a palette, as Mitsuba reads them.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    with open(path, "rb") as file:
+        head = file.read(54)
+        _, size = struct.unpack_from("<II", head, 10)
+        (bits,) = struct.unpack_from("<H", head, 28)
+        file.seek(14 + size)
+        palette = np.frombuffer(file.read(1024), np.uint8)
+    if bits <= 8:
+        colors = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
+        if pixels.max() >= len(colors) or (colors != np.arange(len(colors))[:, None]).any():
+            raise InvalidInput(f"{path} has a palette of colors. Write it as a gray or RGB picture.")

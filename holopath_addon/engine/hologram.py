@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InvalidInput, real_numbers
+from .errors import InvalidInput, real_number, real_numbers
 from .optics import ON_AXIS, Lens, Optics
 from .pixels import EvenSteps, Pitch, Raster, axes, coarsest
 from .settings.choices import DEPTH_MAPPINGS
@@ -132,7 +132,7 @@ class Hologram:
                 ) from None
         for name in ("depth_far", "depth_near", "near"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, *real_numbers([getattr(self, name)], name))
+                object.__setattr__(self, name, real_number(getattr(self, name), name))
 
     def _check_lens(self):
         """Check that the lens fits the other values."""

@@ -3,10 +3,10 @@
 Each word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
 
 Fourier plane: frequencies g = (g_x, g_y) of the light behind the SLM, to the right and up, in units of the band's edge,
-1 / (2 pitch) of the larger pitch. The zero order is at g = 0. The picture's middle ray is at the carrier c: a wave
-field, which is rendered on axis, has the frequencies f = g - c. The picture fills the circle |f| <= 1, the band. Pixels
-send light into the square |g_x|, |g_y| <= 1: circles and halves stay in the circle |g| <= 1 there, rectangles and
-measured stops may have its corners.
+1 / (2 pitch) of the larger pitch. The zero order of a beam along the axis is at g = 0. The picture's middle ray is at
+the carrier c: a wave field, which is rendered on axis, has the frequencies f = g - c. The picture fills the circle |f|
+<= 1, the band. Pixels send light into the square |g_x|, |g_y| <= 1: circles and halves stay in the circle |g| <= 1
+there, rectangles and measured stops may have its corners.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Beam:
             raise InvalidInput(
                 f"Expected a kind of beam, got '{self.kind}'. Choose one of {', '.join(BEAMS)}."
             )
-        numbers, (counts, what) = real_numbers(self.numbers, "the numbers"), BEAMS[self.kind]
+        numbers, (counts, what) = real_numbers(self.numbers, "the numbers of the beam"), BEAMS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
         good &= (self.kind == "measured") == (self.measured is not None)
@@ -277,7 +277,7 @@ class Stop:
             raise InvalidInput(
                 f"Expected a kind of stop, got '{self.kind}'. Choose one of {', '.join(STOPS)}."
             )
-        numbers, (counts, what) = real_numbers(self.numbers, "the numbers"), STOPS[self.kind]
+        numbers, (counts, what) = real_numbers(self.numbers, "the numbers of the stop"), STOPS[self.kind]
         object.__setattr__(self, "numbers", numbers)
         good = len(numbers) in counts and all(map(math.isfinite, numbers))
         good &= (self.kind == "measured") == (self.measured is not None)

@@ -198,17 +198,19 @@ def _measured(files):
 
 def _check_attributes(path, attributes, role):
     """Refuse a file whose attributes say that its numbers are not in HoloPath's own convention."""
-    own = {"time_dependence": SIGNS["-"], "row_0": "top"}
-    others = [name for name, value in own.items() if str(attributes.get(name, value)) not in (value, "-")]
-    if str(attributes.get("axes", "y,x")).replace(" ", "").split(",")[-2:] != ["y", "x"]:
-        others.append("axes")
-    if role == PHASE and parse_units(attributes.get("units", "radians")) != "radians":
-        others.append("units")
-    if others:
-        raise InvalidInput(
-            f"Expected {path} in radians, with axes y,x, row 0 at the top and time {own['time_dependence']}, got other "
-            f"{' and '.join(others)}. Convert it by `holopath import` and `holopath export`."
-        )
+    axes = attributes.get("axes", "y,x")
+    names = axes if isinstance(axes, list) else str(axes).replace(" ", "").split(",")
+    checks = {"axes": names[-2:] == ["y", "x"], "row_0": str(attributes.get("row_0", "top")) == "top"}
+    if role in (FIELD, PHASE):
+        checks["time_dependence"] = str(attributes.get("time_dependence", "-")) in ("-", SIGNS["-"])
+    if role == PHASE:
+        checks["units"] = parse_units(attributes.get("units", "radians")) == "radians"
+    for name, fits in checks.items():
+        if not fits:
+            raise InvalidInput(
+                f"Expected {path} in radians, with axes y,x, row 0 at the top and time {SIGNS['-']}, got {name} "
+                f"{attributes[name]}. Write it so, or import it and export it with --axes wavelength,y,x."
+            )
 
 
 def _array(role, path):

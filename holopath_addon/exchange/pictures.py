@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine import InvalidInput
+from ..engine.files import check_palette
 from ..engine.memory import shortage
 from ..engine.scene import variants
 from .optional import import_library
@@ -46,25 +47,6 @@ def read_bmp(path: Path) -> Pictures:
     return {PICTURE: pixels}, None
 
 
-def check_palette(path: Path, pixels: np.ndarray) -> None:
-    """Refuse a BMP file whose `pixels` are not levels of gray, but indices of a palette, as Mitsuba reads them.
-
-    Raises
-    ------
-    InvalidInput
-    """
-    with open(path, "rb") as file:
-        head = file.read(54)
-        _, size = struct.unpack_from("<II", head, 10)
-        (bits,) = struct.unpack_from("<H", head, 28)
-        file.seek(14 + size)
-        palette = np.frombuffer(file.read(1024), np.uint8)
-    if bits <= 8:
-        colors = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
-        if pixels.max() >= len(colors) or (colors != np.arange(len(colors))[:, None]).any():
-            raise InvalidInput(f"{path} has a palette of colors. Write it as a gray or RGB picture.")
-
-
 def read_exr(path: Path) -> Pictures:
     """Read the layers of an EXR file by name; a layer without a name is `PICTURE`."""
     check_exr(path)
@@ -93,7 +75,7 @@ def check_exr(path: Path) -> None:
         raise InvalidInput(f"{path} has several parts, or deep pixels. Write one part with all channels.")
     if header.get("dataWindow") != header.get("displayWindow"):
         raise InvalidInput(f"{path} holds only a part of its picture. Write it without a crop.")
-    primaries = header.get("chromaticities")
+    primaries = header.get("chromaticities") if b"G\0" in header.get("channels", b"") else None
     if primaries and not np.allclose(struct.unpack("<8f", primaries), REC_709, atol=1e-3):
         raise InvalidInput(f"{path} has other primaries than Rec. 709, which mix its channels. Omit them.")
 

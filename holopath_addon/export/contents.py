@@ -18,7 +18,13 @@ from .joining import Piece, assemble
 from .lights import emission_varies, export_lamp, read_profile
 from .render_state import background_layers, differences
 from .shading import baking
-from .shading.instances import InstanceValues, lacks_attributes, layer_attributes, values_of
+from .shading.instances import (
+    InstanceValues,
+    lacks_attributes,
+    layer_attributes,
+    object_attributes,
+    values_of,
+)
 from .shading.node_graph import attributes_read, reads_generated, reads_instance
 from .shading.textures import RawImage
 
@@ -116,12 +122,14 @@ class Contents:
         self._instance_readers = {}
         self._evaluated_metaballs = set()
         self._hair = []
+        self._hidden = {}
         self._override = depsgraph.view_layer.material_override
         self._visible_uids = _render_visible(depsgraph)
         self._faces, self._strands = depsgraph.view_layer.use_solid, depsgraph.view_layer.use_strand
         self._render = depsgraph.scene.render
         try:
             for instance, object, owner in self._instances():
+                self._note_instancer(instance)
                 if instance.show_particles and self._strands:
                     self._add_hair(instance, object)
                 if instance.show_self:
@@ -146,8 +154,19 @@ class Contents:
             original = object.original
             owner = instance.parent.original if instance.is_instance else original
             hidden = owner.hide_render or (original.hide_render and not _is_scattered(instance, owner))
+            if owner.instance_type == "COLLECTION" and instance.is_instance:
+                hidden |= original.session_uid in self._hidden_within(owner.instance_collection)
             if owner.session_uid in self._visible_uids and not hidden:
                 yield instance, object, owner
+
+    def _hidden_within(self, collection):
+        """`session_uid` of the objects of an instanced collection that a viewport shows, but renders do not."""
+        if self._depsgraph.mode == "RENDER" or collection is None:
+            return frozenset()
+        if collection.session_uid not in self._hidden:
+            all_uids, shown = (_within(collection, everything) for everything in (True, False))
+            self._hidden[collection.session_uid] = all_uids - shown
+        return self._hidden[collection.session_uid]
 
     def _add(self, instance, object, owner):
         if object.type == "LIGHT":
@@ -226,7 +245,7 @@ class Contents:
         if not self._can_bake:
             return key, InstanceValues()
         names = set().union(*(attributes_read(material, "VIEW_LAYER") for material in readers))
-        values = InstanceValues(layer_attributes=tuple(layer_attributes(self._depsgraph, sorted(names))))
+        values = InstanceValues(layer_attributes=tuple(layer_attributes(self._depsgraph, names)))
         if not any(map(self._reads_instance, readers)):
             return key, values
         if self._own_bakes[key] >= MAX_BAKED_INSTANCES:
@@ -238,7 +257,12 @@ class Contents:
             return key, values
         self._own_bakes[key] += 1
         names = set().union(*(attributes_read(material, "INSTANCER") for material in readers))
-        values = replace(values_of(instance, object, names), layer_attributes=values.layer_attributes)
+        own = set().union(*(attributes_read(material, "OBJECT") for material in readers))
+        values = replace(
+            values_of(instance, object, names),
+            object_attributes=tuple(object_attributes(object, own)),
+            layer_attributes=values.layer_attributes,
+        )
         if names and lacks_attributes(instance):
             self._notes.add(
                 object.name,
@@ -522,7 +546,14 @@ class Contents:
             if look.smooth:
                 self.smooth[name, look.name] = None
 
-    def _note_object(self, object):
+    def _note_instancer(self, instance):
+        """Note what Cycles has instances take from their instancer."""
+        key = instance.is_instance and ("instancer", instance.parent.name)
+        if key and key not in self._objects_noted:
+            self._objects_noted.add(key)
+            self._note_visibility(instance.parent)
+
+    def _note_visibility(self, object):
         for feature, hidden in (
             ("camera", not object.visible_camera),
             ("diffuse rays", not object.visible_diffuse),
@@ -535,6 +566,9 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
         self._note_linking(object)
+
+    def _note_object(self, object):
+        self._note_visibility(object)
         cycles = getattr(object.original, "cycles", None)  # Blender does not free that of a copy
         for block in (object, cycles, object.original.data, *object.modifiers):
             add_notes(block, object.name, self._notes)
@@ -599,6 +633,23 @@ def _is_scattered(instance, owner):
     system = instance.particle_system if instance.is_instance else None
     of_collection = system is not None and system.settings.render_type == "COLLECTION"
     return instance.is_instance and owner.instance_type == "NONE" and not of_collection
+
+
+def _within(collection, everything):
+    """`session_uid` of the objects in a collection and in those that they instance; those that renders show, or all."""
+    uids, known, waiting = set(), set(), [collection]
+    while waiting:
+        each = waiting.pop()
+        if each.session_uid in known or not (everything or not each.hide_render):
+            continue
+        known.add(each.session_uid)
+        waiting += each.children
+        for object in each.objects:
+            if everything or not object.hide_render:
+                uids.add(object.session_uid)
+                if object.instance_type == "COLLECTION" and object.instance_collection is not None:
+                    waiting.append(object.instance_collection)
+    return uids
 
 
 def _render_visible(depsgraph):

@@ -18,6 +18,7 @@ SIDES = 6
 _WIDENING = math.pi / (SIDES * math.sin(math.pi / SIDES))
 # What Cycles takes where a curve, or a point, says nothing.
 DEFAULT_RADIUS = 0.005
+POLY = 1  # type of curves whose points straight pieces join, in Cycles as their first says
 DEFAULT_POINT_RADIUS = 0.01
 # Balls are as fine as this many triangles in all allow: 1280, 320, 80 or, of very many points, 20 each.
 MAX_TRIANGLES, MAX_LEVEL = 500_000, 3
@@ -107,20 +108,30 @@ def curve_tubes(curves):
     """
     if not len(curves.points):
         return None
-    points, radii = _points(curves, DEFAULT_RADIUS)
     offsets = np.empty(len(curves.curve_offset_data), np.int32)
     curves.curve_offset_data.foreach_get("value", offsets)
-    return tubes(*_smooth(points, radii, np.diff(offsets)))
+    counts = np.diff(offsets)
+    points, radii = _points(curves, DEFAULT_RADIUS, counts)
+    kinds = curves.attributes.get("curve_type")
+    if kinds is not None and len(kinds.data) and kinds.data[0].value == POLY:
+        # a tube for each piece: one that bends at a corner would be thin there
+        begin = np.delete(np.arange(len(points)), np.cumsum(counts)[counts > 0] - 1)
+        pieces = np.stack([begin, begin + 1], axis=1).ravel()
+        return tubes(points[pieces], radii[pieces], np.full(len(begin), 2))
+    return tubes(*_smooth(points, radii, counts))
 
 
-def _points(data, radius):
-    """Points of a datablock and their radii, `radius` by default."""
+def _points(data, radius, counts=None):
+    """Points of a datablock and their radii, `radius` by default; `counts` are those of the points of each curve."""
     size = len(data.points)
     points = np.empty(3 * size, np.float32)
     data.attributes["position"].data.foreach_get("vector", points)
     radii = np.full(size, radius, np.float32)
-    if "radius" in data.attributes:
-        data.attributes["radius"].data.foreach_get("value", radii)
+    own = data.attributes.get("radius")
+    if own is not None and own.data_type == "FLOAT":
+        values = np.empty(len(own.data), np.float32)
+        own.data.foreach_get("value", values)
+        radii = np.repeat(values, counts) if own.domain == "CURVE" else values
     return points.reshape(-1, 3), radii
 
 
@@ -232,8 +243,10 @@ def particle_tubes(object, system, render=False):
     """
     settings = system.settings
     parents, children = len(system.particles), len(system.child_particles)
-    begin = parents if children and not settings.use_parent_particles else 0
+    begin = parents if children else 0  # with children Cycles shows these alone
     steps = 2 ** (settings.render_step if render else settings.display_step) + 1
+    if settings.kink == "SPIRAL":
+        steps += settings.kink_extra_steps
     lines = np.array(
         [
             system.co_hair(object, particle_no=number, step=step)
@@ -251,4 +264,8 @@ def particle_tubes(object, system, render=False):
     radii = settings.tip_radius + (settings.root_radius - settings.tip_radius) * profile
     if settings.use_close_tip:
         radii[np.arange(len(radii)), counts - 1] = 0
-    return tubes(lines[inside], (0.5 * settings.radius_scale * radii)[inside], counts)
+    # radii are of the object's space
+    size = abs(np.linalg.det(np.array(object.matrix_world)[:3, :3])) ** (1 / 3)
+    line = lines[inside], (0.5 * size * settings.radius_scale * radii)[inside], counts
+    is_bent = settings.kink != "NO"  # where the spline that Cycles has differs from straight pieces
+    return tubes(*(_smooth(*line) if is_bent else line))

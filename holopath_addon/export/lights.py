@@ -66,7 +66,8 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
     )
     cycles = getattr(light, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
     # a portal emits nothing: it only guides the samples of the world in Cycles
-    if emitter is None or getattr(cycles, "is_portal", False) or not np.any(color > 0):
+    is_portal = light.type == "AREA" and getattr(cycles, "is_portal", False)
+    if emitter is None or is_portal or not np.any(color > 0):
         return None
     if not light.use_shadow:
         notes.add(name, "Light without shadow", "casts shadows")

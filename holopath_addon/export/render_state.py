@@ -131,8 +131,15 @@ def _visible_in_renders(view_layers):
                 continue
             objects[thing.session_uid] = thing
             if thing.instance_type == "COLLECTION" and thing.instance_collection is not None:
-                waiting += [thing.instance_collection, *thing.instance_collection.children_recursive]
+                waiting += _with_children(thing.instance_collection)
     return collections.values(), objects.values()
+
+
+def _with_children(collection):
+    """A collection and those in it, unless renders hide them."""
+    if collection.hide_render:
+        return []
+    return [collection, *(each for child in collection.children for each in _with_children(child))]
 
 
 def _of_object(thing, render):

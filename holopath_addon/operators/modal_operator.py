@@ -106,7 +106,8 @@ class ModalOperator(LongModal):
         if event.type == "TIMER":
             if self.make_way():
                 return {"FINISHED", "PASS_THROUGH"}
-            job.answer_query()
+            if not bpy.app.is_job_running("RENDER"):  # whose thread reads what exporting may change
+                job.answer_query()
             preview = job.take_offer()
             if preview is not None:
                 try:
@@ -363,11 +364,9 @@ def has_phase(operator):
 
 
 def is_free(operator):
-    """Check that no job is running, nor a render that reads Blender's data, see `check_poll`."""
+    """Check that no job is running, see `check_poll`."""
     free = is_paused(operator) or not session.running()
-    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it") and check_poll(
-        operator, not bpy.app.is_job_running("RENDER"), "Blender renders: wait for it or cancel it"
-    )
+    return check_poll(operator, free, "HoloPath is at work: wait for it or cancel it")
 
 
 def _failing(error):

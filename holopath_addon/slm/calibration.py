@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.files import check_palette
 from ..engine.pixels import coarsest
 from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
@@ -751,6 +752,8 @@ def _read_map(path):
     levels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     if levels.dtype != np.uint8:
         raise ValueError(f"{path.name} is not a picture of 8 bits")
+    if path.suffix.lower() == ".bmp":
+        check_palette(path, levels)
     if levels.ndim == 3:
         colors = levels[..., : levels.shape[-1] - (levels.shape[-1] in (2, 4))]  # without alpha
         if (colors != colors[..., :1]).any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,12 +11,12 @@ import scipy.fft
 import scipy.ndimage
 
 from ..engine.errors import InvalidInput
+from ..engine.files import check_palette
 from ..engine.pixels import Pitch, half_sides
 from ..engine.scene import variants
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
 ORDER = 3  # of the B-splines that interpolate pictures
 OVERSAMPLING = 2  # of pictures for that: splines are inaccurate near the finest frequencies
@@ -208,6 +209,8 @@ def read_capture(path: Path | str) -> np.ndarray:
         raise InvalidInput(
             f"The camera's picture {path} cannot be read ({error}). Give a picture file."
         ) from None
+    if Path(path).suffix.lower() == ".bmp":
+        check_palette(Path(path), picture)
     whole = np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else 1
     values = picture.astype(np.float32) / whole
     if values.ndim == 2:

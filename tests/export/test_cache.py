@@ -219,7 +219,20 @@ def _set(path, value):
     return change
 
 
+def _custom_property():
+    """A property that a material reads, which Blender reports as a change of neither geometry nor place."""
+    obj, material = bpy.data.objects["sphere 0"], bpy.data.materials["textured"]
+    tree = material.node_tree
+    if "Attribute" not in tree.nodes:
+        node = tree.nodes.new("ShaderNodeAttribute")
+        node.attribute_type, node.attribute_name = "OBJECT", "glow"
+        tree.links.new(node.outputs["Fac"], _principled("textured").inputs["Emission Strength"])
+    obj["glow"] = random.random()
+    obj.update_tag()
+
+
 CHANGES = {
+    "custom property": _custom_property,
     "move": _set("D.objects['sphere 0'].location.x", random.random),
     "mirror": _set("D.objects['sphere 1'].scale.x", lambda: random.choice((-1, 1))),
     "vertex": lambda: setattr(bpy.data.objects["sphere 0"].data.vertices[0].co, "x", random.random()),

@@ -173,10 +173,26 @@ def test_a_mesh_has_properties_of_its_own(stage):
     assert ours == pytest.approx(theirs, rel=0.03) and theirs[0] > 0.1
 
 
+@pytest.mark.parametrize("kind", ["OBJECT", "INSTANCER"])
+@pytest.mark.parametrize(
+    "name", ["amount", "level", "location", "data.texspace_size", 'modifiers["Wave"].width']
+)
+def test_attributes_of_an_object_are_found_as_in_cycles(stage, kind, name):
+    """Its own properties, those of its data, and paths; an object that is no instance is its own instancer."""
+    plane = stage.plane(3, location=(0.2, 0.3, 0.1))
+    plane["amount"], plane.data["level"] = 0.25, 0.5
+    plane.modifiers.new("Wave", "WAVE").height = 0
+    plane.data.materials.append(
+        emitting(stage, "ShaderNodeAttribute", attribute_type=kind, attribute_name=name)
+    )
+    ours, theirs = brightness(stage)
+    assert ours == pytest.approx(theirs, rel=0.03) and theirs[0] > 0.01
+    assert not any("cleared" in note.effect for note in stage.export().notes)
+
+
 @pytest.mark.parametrize(
     ("node", "output", "values", "effect"),
     [
-        ("Attribute", "Vector", {"attribute_type": "OBJECT", "attribute_name": "location"}, "cleared"),
         ("VectorTransform", "Vector", {"convert_to": "CAMERA"}, "looks down"),
         ("LightFalloff", "Linear", {}, "square of the distance"),
     ],

@@ -408,3 +408,50 @@ def test_rays_do_not_slip_between_triangles(stage):
     start = place - towards
     ray = mi.Ray3f(mi.Point3f(*start.T), mi.Vector3f(*towards.T))
     assert np.asarray(scene.ray_intersect(ray).is_valid()).all()
+
+
+@pytest.mark.parametrize("hidden", ["child", "nested", "whole"])
+def test_what_renders_hide_of_an_instanced_collection(stage, hidden):
+    """The viewport shows collections that are disabled in renders where they are instanced; Cycles does not."""
+    whole, child, other = (bpy.data.collections.new(name) for name in ("whole", "child", "other"))
+    whole.children.link(child)
+    for number, collection in enumerate((whole, child, other)):
+        plane = stage.plane(0.5, name=collection.name, location=(number - 1, 0, 0))
+        stage.scene.collection.objects.unlink(plane)
+        collection.objects.link(plane)
+    nested = bpy.data.objects.new("nested", None)
+    nested.instance_type, nested.instance_collection = "COLLECTION", other
+    whole.objects.link(nested)
+    outer = bpy.data.objects.new("outer", None)
+    outer.instance_type, outer.instance_collection = "COLLECTION", whole
+    stage.link(outer)
+    assert area(stage.export().scene) == pytest.approx(3 * 0.25, rel=1e-4)
+    if hidden == "nested":
+        nested.hide_render = True
+    else:
+        {"child": child, "whole": whole}[hidden].hide_render = True
+    if hidden == "whole":
+        stage.plane(0.1, location=(0, 1, 0))
+        expected = 0.01
+    else:
+        expected = 2 * 0.25
+    bpy.context.view_layer.update()
+    assert area(stage.export().scene) == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_an_instancer_hides_is_noted(stage):
+    part = bpy.data.collections.new("part")
+    plane = stage.plane(0.5)
+    stage.scene.collection.objects.unlink(plane)
+    part.objects.link(plane)
+    outer = bpy.data.objects.new("outer", None)
+    outer.instance_type, outer.instance_collection = "COLLECTION", part
+    stage.link(outer)
+    stage.world()
+    assert stage.export().notes == []
+    outer.visible_camera, outer.is_holdout = False, True
+    bpy.context.view_layer.update()
+    assert {(note.object, note.feature) for note in stage.export().notes} == {
+        ("outer", "Ray visibility: hidden from camera"),
+        ("outer", "Holdout or shadow catcher"),
+    }

@@ -363,3 +363,12 @@ def test_nodes_whose_value_a_bake_cannot_know_are_noted(stage, small_worlds, nod
     tree.links.new(inner.outputs[0], shader.inputs["Strength"])
     label = source.bl_label
     assert f"{label} node" in {note.feature for note in stage.export().notes}
+
+
+def test_a_portal_that_became_another_lamp_shines(stage):
+    """The flag stays where its checkbox is gone."""
+    floor(stage)
+    lamp = stage.lamp("POINT", location=(0, 0, 1))
+    lamp.data.cycles.is_portal = True
+    ours, theirs = stage.mitsuba(spp=16), stage.cycles(spp=16)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.05) and theirs.mean() > 0

@@ -55,8 +55,8 @@ def render(
     settings : Settings, optional
         Default: those of the plan, or `Settings()`.
     plan : Plan, optional
-        Result of `plan` for the same scene, camera and hologram. Its decisions stay, whichever settings are given
-        beside it. Default: a new plan.
+        Result of `plan` for the same scene, camera and hologram. Its decisions stay, whichever settings of the
+        same kind of method, radiance and estimator are given beside it. Default: a new plan.
     progress : callable, optional
         ``progress(done, message)`` with done in 0..1, called several times a second; may raise `Cancelled`.
     store : BakeStore, optional
@@ -72,7 +72,7 @@ def render(
     Raises
     ------
     InvalidInput
-        If nothing is in view, settings contradict each other, or the machine has too little memory.
+        If nothing is in view, settings contradict each other or the plan, or the machine has too little memory.
     BackendUnavailable
         If Mitsuba cannot compute here.
     Cancelled
@@ -139,7 +139,7 @@ def _check_same_kind(settings, plan):
         given, planned = getattr(planner.resolved(settings), name), getattr(plan.settings, name)
         if given != planned and (name != "method" or {given, planned} & set(BASELINES)):
             raise InvalidInput(
-                f"The plan is for the {name} {planned}, not {given}. Omit it, or plan with these settings."
+                f"The plan is for the {name} {planned}, not {given}. Plan with these settings, or give no plan."
             )
 
 

@@ -327,18 +327,20 @@ class Refocuser:
             mask = arrays.mask(circular_band(padded, pitch) if mask is None else mask, data)
             # pixels of the display, and squares of the image, in which near images count light
             area = math.prod(axes(pitch)) / coarsest(size.pitch) ** 2
-            ramps = [self._ramp(k, z - own) for z in distances]
             transforms = [
                 Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
-                for number, (transform, ramp) in enumerate(zip(transforms, ramps, strict=True)):
+                for number, (transform, z) in enumerate(zip(transforms, distances, strict=True)):
+                    ramp = self._ramp(k, z - own)
                     light = wave if ramp is None else wave * ramp
-                    images[number, ..., k] += arrays.intensity(transform.propagate(light)) * (area / frames)
+                    images[number, ..., k] += arrays.intensity(transform.propagate(light)) / frames
                 done += len(transforms)
                 progress(done / (len(distances) * frames * colors), "Refocusing")
+            if area != 1:
+                images[..., k] *= area
         # the light of a grid of pixels repeats beyond these bounds
         for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
             n = images.shape[axis]

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine import InvalidInput
+from ...engine.files import check_palette
 from ...engine.scene import variants
-from ..pictures import check_exr, check_palette
+from ..pictures import check_exr
 
 if TYPE_CHECKING:
     from pathlib import Path

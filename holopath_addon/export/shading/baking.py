@@ -470,7 +470,11 @@ def _settle_instance(tree, values):
         for link in list(socket.links):
             tree.links.new(node.outputs[0], link.to_socket)
 
-    attributes = {"INSTANCER": dict(values.attributes), "VIEW_LAYER": dict(values.layer_attributes)}
+    attributes = {
+        "OBJECT": dict(values.object_attributes),
+        "INSTANCER": dict(values.attributes),
+        "VIEW_LAYER": dict(values.layer_attributes),
+    }
     for node in list(tree.nodes):
         kind = node.bl_idname
         if kind == "ShaderNodeObjectInfo":

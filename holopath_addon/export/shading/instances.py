@@ -24,6 +24,8 @@ class InstanceValues:
         Object Info > Object Index.
     attributes : tuple of (str, tuple of 4 floats)
         Of the instancer, by name.
+    object_attributes : tuple of (str, tuple of 4 floats)
+        Of the object or its data.
     layer_attributes : tuple of (str, tuple of 4 floats)
         Of the view layer, its scene or its world.
     """
@@ -34,6 +36,7 @@ class InstanceValues:
     color: tuple = (1.0, 1.0, 1.0, 1.0)
     index: int = 0
     attributes: tuple = ()
+    object_attributes: tuple = ()
     layer_attributes: tuple = ()
 
 
@@ -51,13 +54,15 @@ def values_of(instance, object, names):
     -------
     InstanceValues
     """
-    if not instance.is_instance:
-        return InstanceValues(random=_hash_of(object.name) / 0xFFFFFFFF)
+    if not instance.is_instance:  # which then is its own instancer
+        return InstanceValues(
+            random=_hash_of(object.name) / 0xFFFFFFFF, attributes=tuple(object_attributes(object, names))
+        )
     return InstanceValues(
         random=(instance.random_id & 0xFFFFFFFF) / 0xFFFFFFFF,
         generated=tuple(0.5 * v - 0.5 for v in instance.orco),
         uv=(*instance.uv, 0.0),
-        attributes=_instancer_attributes(instance, names) if names else (),
+        attributes=_instancer_attributes(instance, object, names) if names else (),
     )
 
 
@@ -81,7 +86,38 @@ def _hash_of(name):
     return mix(c, b, 24)
 
 
-def _instancer_attributes(instance, names):
+def object_attributes(object, names):
+    """Attributes of type Object: custom properties and RNA paths of an object or its data, as Cycles looks.
+
+    Parameters
+    ----------
+    object : bpy.types.Object
+        Evaluated.
+    names : iterable of str
+
+    Returns
+    -------
+    iterator of (str, tuple of 4 floats)
+        Name and RGBA of those that are found.
+    """
+    return _attributes((object, object.data), names)
+
+
+def _attributes(blocks, names):
+    """Name and RGBA of the attributes that are found, each in the first block that has it."""
+    for name in sorted(names):
+        for block in blocks:
+            value = None if block is None else block.get(name)
+            if value is None and block is not None:
+                with contextlib.suppress(ValueError):
+                    value = block.path_resolve(name)
+            found = {} if value is None else _as_rgba(name, value)
+            if found:
+                yield from found.items()
+                break
+
+
+def _instancer_attributes(instance, object, names):
     """Numbers that an Attribute node of type Instancer finds, as name and RGBA.
 
     Blender looks at the particle settings, then at the attributes of instances that geometry nodes made, then at the
@@ -103,6 +139,7 @@ def _instancer_attributes(instance, names):
                     found |= _as_rgba(attribute.name, getattr(values, kind))
                     break
     found.pop("position", None)  # of instances' points Blender leaves it undefined
+    found |= dict(_attributes((instance.parent, object, object.data), names - found.keys()))
     return tuple((name, found[name]) for name in sorted(names & found.keys()))
 
 
@@ -137,21 +174,12 @@ def layer_attributes(depsgraph, names):
     Parameters
     ----------
     depsgraph : bpy.types.Depsgraph
-    names : sequence of str
+    names : iterable of str
 
-    Yields
-    ------
-    (str, tuple of 4 floats)
+    Returns
+    -------
+    iterator of (str, tuple of 4 floats)
         Name and RGBA of those that are found.
     """
     scene = depsgraph.scene.original
-    for name in names:
-        for block in (scene.view_layers[depsgraph.view_layer.name], scene, scene.world):
-            value = None if block is None else block.get(name)
-            if value is None and block is not None:
-                with contextlib.suppress(ValueError):
-                    value = block.path_resolve(name)
-            found = {} if value is None else _as_rgba(name, value)
-            if found:
-                yield from found.items()
-                break
+    return _attributes((scene.view_layers[depsgraph.view_layer.name], scene, scene.world), names)

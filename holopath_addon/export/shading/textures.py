@@ -28,7 +28,7 @@ _BAKED_AS = (
     ),
     ("as camera rays see it, what other rays alone would see is missing", {"LightPath"}),
     ("of the object alone", {"AmbientOcclusion", "Bevel", "Raycast"}),
-    ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric")}),
+    ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric"), ("NewGeometry", "Pointiness")}),
     ("the same for all instances of a mesh", {"ParticleInfo"}),
 )
 # Of an object, which a stand-in has otherwise.
@@ -58,8 +58,6 @@ def stand_in_effect(source):
     """
     node = source.node
     kind = node.bl_idname.removeprefix("ShaderNode")
-    if kind == "Attribute" and node.attribute_type == "OBJECT" and node.attribute_name.startswith(_PLACE):
-        return "the object's location, rotation and scale read as if they were cleared"
     if kind == "VectorTransform" and "CAMERA" in (node.convert_from, node.convert_to):
         return "as of a camera at the world's origin that looks down"
     if kind == "GeometryNodeInputSceneTime" and source.socket.name == "Seconds":  # since Blender 5.1
@@ -78,6 +76,9 @@ def effect_beside_surfaces(source):
     node = source.node
     if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
         return "reads 0, as lights and worlds are baked in a scene of their own"
+    if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "OBJECT":
+        if node.attribute_name.startswith(_PLACE):
+            return "the object's location, rotation and scale read as if they were cleared"
     return stand_in_effect(source)
 
 

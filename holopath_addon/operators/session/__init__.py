@@ -127,9 +127,12 @@ def _show_chosen_frame(props):
 def _show_undone(*_):
     """Show what the settings describe after an undo, which restores them without a call for each."""
     scene = bpy.context.scene
-    if scene is not None and current.refocuser is not None:
-        _show_chosen_frame(properties.of(scene))
-        refocus_if_changed(properties.of(scene))
+    if scene is None or scene.name != current.field_scene or current.refocuser is None or running():
+        return
+    props = properties.of(scene)
+    if current.shown_frame != props.phase_frame and PHASE in bpy.data.images:
+        _show_chosen_frame(props)
+    refocus_if_changed(props)
 
 
 def handlers():

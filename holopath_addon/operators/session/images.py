@@ -76,6 +76,7 @@ def show_phase(frame):
         If there is no hologram.
     """
     phase = encoded_hologram()
+    current.shown_frame = frame
     levels = np.moveaxis(phase.data[min(frame, len(phase.data) - 1)], 0, -1) / (2 * math.pi)
     return write_image(PHASE, rgba_rows(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
 

@@ -95,6 +95,7 @@ def refocus_by_settings(props):
     try:
         arguments = properties.reconstruction_of(props)
     except (engine.InvalidInput, engine.BackendUnavailable) as error:
+        current.refocused = None
         record_error(error)
         return
     request_refocus(*arguments)

@@ -26,6 +26,7 @@ def keep(task, result, draft=False):
     current.task, current.field_plan = task, result.plan
     keep_phase(None)
     current.field_scene, current.refocus_seconds = task.reading.name, math.inf
+    current.refocused = None
     current.diopter_range = pipeline.diopters_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:

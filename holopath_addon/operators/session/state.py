@@ -42,6 +42,8 @@ class Session:
         Inverse distances, 1/m, of the nearest and the farthest thing in that field's view.
     phase : engine.PhaseHologram or None
         Phases encoded of that field.
+    shown_frame : int
+        Frame of those phases whose image was shown last.
     phase_light : tuple of engine.PhaseHologram, engine.Modulator, engine.Optics and engine.Refocuser, or None
         Light of those phases on a display with these limits, on this bench.
     plan : engine.Plan or None
@@ -79,6 +81,7 @@ class Session:
     autofocus_distance: float | None = None
     diopter_range: tuple = (0.0, 0.0)
     phase: engine.PhaseHologram | None = None
+    shown_frame: int = 0
     phase_light: tuple | None = None
     plan: engine.Plan | None = None
     plan_scene: str = ""
