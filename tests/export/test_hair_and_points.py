@@ -217,7 +217,7 @@ def test_curves_of_straight_pieces_look_as_in_cycles(stage):
     exported = stage.export((48, 48))
     assert bounds(exported.scene)[1, 0] < 1.15
     ours, theirs = stage.mitsuba((48, 48), 64, exported=exported), stage.cycles((48, 48), 64)
-    assert np.abs(ours - theirs).mean() < 0.1 * theirs.mean()  # with its spline 0.9
+    assert np.abs(ours - theirs).mean() < 0.15 * theirs.mean()  # with its spline 0.9
 
 
 def test_a_radius_of_each_curve(stage):

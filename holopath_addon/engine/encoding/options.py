@@ -180,6 +180,10 @@ class EncodingOptions:
             raise InvalidInput(
                 "Double phase does not support display models. Choose sgd or joint, or omit the model."
             )
+        if self.display is not None and self.start == "dpac":
+            raise InvalidInput(
+                "Phases for a display model begin with those that its levels allow. Omit the start dpac, or the model."
+            )
         if self.display is not None and not field.hologram.flat_bench:
             raise InvalidInput(
                 "A fitted display has a beam and a stop of its own, and no lens behind it. Omit the display model or "

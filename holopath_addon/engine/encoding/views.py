@@ -10,7 +10,7 @@ import numpy as np
 import scipy.fft
 
 from ..optics import ON_AXIS, Optics
-from ..pixels import EvenSteps, Pitch, axes, coarsest
+from ..pixels import EvenSteps, Pitch, axes, beyond, coarsest
 from ..scene.variants import threads
 from ..waves import arrays
 from ..waves.arrays import PROCESSOR, Array
@@ -128,8 +128,10 @@ class ViewedVolume:
     @property
     def padded(self) -> tuple[int, int]:
         """Shape of spectra: with a guard band, and fast for FFTs."""
-        farthest = max(abs(self.low), abs(self.high))
-        shape = padded_shape(self.shape, self.pitch, self.wavelength, farthest, OPTIMIZATION_GUARD)
+        farthest, guard = max(abs(self.low), abs(self.high)), OPTIMIZATION_GUARD
+        if self.places is not None:  # colors apart may reach beyond the fields
+            guard = max(guard, beyond(self.places, self.shape))
+        shape = padded_shape(self.shape, self.pitch, self.wavelength, farthest, guard)
         padded = tuple(fast_multiple(size, MAX_STRIDE) for size in shape)
         return padded if self.places is None else commensurate(padded, self.places, MAX_STRIDE)
 

@@ -62,11 +62,11 @@ class BakeRequest:
     max_samples: int
 
     def same(self, other: BakeRequest) -> bool:
-        """Whether both are for the same objects (scene, camera, hologram) and equal numbers."""
+        """Whether both are for the same scene, and equal in all else."""
         return (
             self.scene is other.scene
-            and self.camera is other.camera
-            and self.hologram is other.hologram
+            and self.camera.to_dict() == other.camera.to_dict()
+            and self.hologram == other.hologram
             and (self.near, self.settings, self.noise, self.max_samples)
             == (other.near, other.settings, other.noise, other.max_samples)
         )

@@ -75,8 +75,8 @@ def slowness(folder: Path | None = None, library: str | None = None) -> Slowness
     ----------
     folder : path, optional
         Folder that keeps the figures for `MAX_AGE_SECONDS`. Later they are measured again, and the minimum counts:
-        other programs can make a machine look slow, but not fast. Figures of another version of Mitsuba or Dr.Jit, or
-        of another backend or number of threads, are discarded.
+        other programs can make a machine look slow, but not fast. Figures of another version of Mitsuba or Dr.Jit, of
+        another backend or number of threads, or of another machine, are discarded.
     library : str, optional
         Library that computes waves, see `waves.libraries`. Default: that of `libraries.choose`.
 
@@ -84,19 +84,21 @@ def slowness(folder: Path | None = None, library: str | None = None) -> Slowness
     -------
     Slowness
     """
-    return _slowness(folder, library or libraries.choose()[0], time.time() // MAX_AGE_SECONDS)
+    library, now = library or libraries.choose()[0], time.time() // MAX_AGE_SECONDS
+    return _slowness(folder, library, variants.activate(), variants.threads(), now)
 
 
-@lru_cache(2)
-def _slowness(folder, library, now):
-    """`slowness`; a running process measures again when `now` changes."""
-    variant = variants.activate()
+@lru_cache(4)
+def _slowness(folder, library, variant, threads, now):
+    """`slowness`; a running process measures again when `now`, the backend or its threads change."""
     import drjit
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
     variant = " ".join([variant, *filter(libraries.ON_CARDS.get, [library])])
-    made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {REFERENCE}"
+    made_with = (
+        f"{versions[0]} {versions[1]} {variant} {platform.machine()} {platform.node()} {threads} {REFERENCE}"
+    )
     file, fastest = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):

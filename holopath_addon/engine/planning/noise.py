@@ -82,7 +82,9 @@ def firefly_limit(settings: Settings) -> float:
 
 
 def radiance_limit(settings: Settings, light: Light, passes: int) -> float:
-    """Maximum radiance that indirect light may add to one of `passes` paths."""
+    """Maximum radiance that indirect light may add to one of `passes` paths; infinite where no light was found."""
+    if not light.bright:
+        return math.inf
     return FIREFLY_LIMIT * light.bright * (passes or max_passes(settings)) * sharing_gain(settings)
 
 

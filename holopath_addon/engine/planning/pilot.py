@@ -210,7 +210,9 @@ class Pilot:
             lambda: image_finder.view(self.scene, self.ray, branch, drawn=True), self._timed_calls
         )
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
-        bent = dr.abs(dr.rcp(view.distance) - path) > MIN_BEND * (path + 1)
+        # of a scene whose near end is far, all vergences are small
+        shallow = min(1.0, (self._hologram.depth_near - self._mapping.z_far) / self._mapping.beta)
+        bent = dr.abs(dr.rcp(view.distance) - path) > MIN_BEND * (path + shallow)
         # light that comes from its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)

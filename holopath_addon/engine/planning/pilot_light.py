@@ -29,7 +29,8 @@ class Light:
         Variance relative to the squared mean of the grain, weighted by brightness: of one path, of one that ends at the
         first surface that lamps light, and of the reflectance where a path begins.
     chroma : float
-        Maximum difference of the color channels relative to their mean, weighted by brightness.
+        Maximum difference of the color channels relative to their mean, of any grain: a mean over the view would hide
+        small colored things.
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
     paths_per_second : float
@@ -103,7 +104,8 @@ def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: 
     -------
     Light
     """
-    whole, dark = paths.mean(paths.light.sum(0)), Light(min_vertices, paths.shining)
+    # the pilot may miss what is small: where it finds no light nothing is left out
+    whole, dark = paths.mean(paths.light.sum(0)), Light(max_vertices, paths.shining)
     if not (whole > 0).any():
         return dark
     # as paths of the render are limited
@@ -122,7 +124,7 @@ def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: 
         noise=grains.noise(paths.variance(limited), means),
         direct=grains.noise(paths.variance(np.minimum(paths.direct, limit)), means),
         texture=grains.noise(paths.variance(paths.reflectance), paths.mean(paths.reflectance)),
-        chroma=grains.fraction(3 * np.ptp(means, axis=0)),
+        chroma=float((3 * np.ptp(means, axis=0)[lit] / mean[lit]).max()),
         bright=float(grains.bright) / 3,
     )
 

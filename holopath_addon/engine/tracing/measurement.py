@@ -175,7 +175,11 @@ class Measurement:
             self._textures, self._texture_rays = totals["sums"].textures, sampling.rays
         target, max_paths = plan.target_error, plan.max_passes
         self._error, texture_error = field_error(
-            self._halves, self._filtered, self._shared, self._textures.count, plan.white / self._unit
+            self._halves,
+            self._filtered,
+            self._shared,
+            self._textures.count,
+            (plan.white or math.inf) / self._unit,
         )
         if self._rounds == 1 and sampling.kind == "light" and texture_error > 0:
             rays = plan.textures

@@ -61,9 +61,11 @@ def sharpness(images: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray, shape (focus, `PATCHES`, `PATCHES`)
-        Rows from the top, columns from the left; 0 in dark patches.
+        Rows from the top, columns from the left; 0 in dark patches, and in all of an image with fewer pixels a side.
     """
     measures = np.zeros((len(images), PATCHES, PATCHES))
+    if min(np.shape(images)[1:3]) < PATCHES:
+        return measures
     # one by one: gradients take more memory than images
     for values, image in zip(measures, images, strict=True):
         gray = np.asarray(image, np.float64).mean(-1)

@@ -112,3 +112,16 @@ def test_refined_pictures_have_no_dark_border():
 
     assert edge(wave_field(data, depth_far=distance)) < 0.75
     assert edge(phase.field()) == pytest.approx(1, abs=0.12)  # over seeds 0.91, deviation 0.005
+
+
+def test_images_of_colors_far_apart_fit_their_grid():
+    """One that reaches beyond the fields by more than the guard band came round, or ended in a traceback."""
+    shape, optics = (24, 400), engine.Optics(color_scale=(0.75,))
+    hologram = engine.Hologram(400, 24, PITCH, (GREEN,), 1e-3, 3e-3, optics=optics)
+    raster = hologram.raster(GREEN)
+    wide = engine.Hologram(560, 24, PITCH, (GREEN,), 1e-3, 3e-3)
+    places = wide.raster().lines_on(raster)
+    volume = ViewedVolume(shape, raster.pitch, GREEN, 1e-3, 2e-3, places=places)
+    targets = ViewTargets(Views(volume, frames=1, seed=3, eyebox=0))
+    targets.add(band_limited(shape, frames=1)[:, 0])
+    assert np.isfinite(targets.intensities[targets.views.kinds[0][1][0]]).all()

@@ -101,3 +101,17 @@ def test_a_library_s_own_transforms_and_copies_are_timed(backend, as_on_a_card, 
     as_on_a_card(1 << 30)
     assert machine._measured(name).copies > 0
     assert kinds[0] is np.ndarray and len(set(kinds)) == 2
+
+
+def test_each_backend_has_its_own_figures(monkeypatch):
+    """A process may change it within minutes, as Blender's preferences do."""
+    forget()
+    measured = iter(range(1, 9))
+    monkeypatch.setattr(machine, "_measured", lambda library: Slowness(*[next(measured)] * 4))
+    monkeypatch.setattr(machine, "timed", lambda work: (0.0, 0.0, None))
+    found = []
+    for variant in ("llvm_ad_rgb", "cuda_ad_rgb", "llvm_ad_rgb"):
+        monkeypatch.setattr(machine.variants, "activate", lambda variant=variant: variant)
+        found.append(machine.slowness(None, "numpy"))
+    assert found[0] == found[2] != found[1]
+    forget()

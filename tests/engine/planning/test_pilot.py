@@ -1,6 +1,9 @@
 """The pilot's rays and paths."""
 
+import math
+
 import numpy as np
+import pytest
 
 from holopath_addon import engine
 
@@ -34,3 +37,38 @@ def test_compiling_counts_where_the_pilot_compiled(build, camera, small, monkeyp
         monkeypatch.setattr(pilot, "_timed", slower)
         radiance.append(engine.plan(build.two_planes(build.diffuse), camera, small).stages["radiance"])
     assert radiance[0] + 1e3 < radiance[1] < radiance[0] + 2e3
+
+
+def paths_of(color, grains=4096, count=4):
+    """Paths that all bring the color of their grain, at the first vertex."""
+    from holopath_addon.engine.planning.pilot_light import Paths
+
+    light = np.repeat(np.asarray(color, float)[..., None], count, axis=-1)
+    by_vertices = [light.sum(0), *[0 * light[0]] * 4]
+    return Paths(light, light, by_vertices, 0 * light + 0.5, np.ones((grains, count), bool), 0.0)
+
+
+def test_a_small_colored_thing_is_not_gray(build, camera):
+    """A mean over the view hides it, and one wavelength for all shows a blue lamp as black."""
+    from holopath_addon.engine.planning.pilot_light import light_of
+
+    color = np.ones((3, 4096))
+    assert light_of(paths_of(color), 1, 8, 10.0).chroma == 0
+    color[:, :12] = np.array([[0.0], [0.0], [1.0]])
+    assert light_of(paths_of(color), 1, 8, 10.0).chroma == pytest.approx(3)
+    white = build.emissive({"type": "rgb", "value": 0.5})
+    blue = build.emissive({"type": "rgb", "value": [0.0, 0.0, 1.0]})
+    scene = build.scene(wall=build.plane(2.0, white), lamp=build.plane(1.0, blue, 0.02))
+    hologram = engine.Hologram(64, 64, 8e-6, (640e-9, 516.5e-9, 455.4e-9), 0.2e-3, 0.5e-3)
+    assert not engine.plan(scene, camera, hologram).gray
+    assert engine.plan(build.scene(wall=build.plane(2.0, white)), camera, hologram).gray
+
+
+def test_where_the_pilot_finds_no_light_nothing_is_left_out():
+    """What it missed may be lit: paths keep their vertices, and indirect light its brightness."""
+    from holopath_addon.engine.planning import noise
+    from holopath_addon.engine.planning.pilot_light import light_of
+
+    light = light_of(paths_of(np.zeros((3, 4096))), 1, 8, 10.0)
+    assert light.max_depth == 8 and light.bright == 0
+    assert noise.radiance_limit(engine.Settings(quality="draft"), light, 4) == math.inf
