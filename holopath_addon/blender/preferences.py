@@ -137,11 +137,17 @@ def wave_status():
     return lacking or libraries.describe(), kind
 
 
+def used_backend():
+    """The row of `backends` that computes as the preferences choose; None if none can."""
+    rows = (row for row in backends() if _found["chosen"] in (None, row["name"]))
+    return next((row for row in rows if row["available"]), None)
+
+
 def backend_problem():
     """Sentence on why no processor can compute as the preferences choose; empty if one can."""
-    rows = [row for row in backends() if _found["chosen"] in (None, row["name"])]
-    if any(row["available"] for row in rows):
+    if used_backend() is not None:
         return ""
+    rows = [row for row in backends() if _found["chosen"] in (None, row["name"])]
     detail = rows[-1]["detail"]
     if rows[-1]["name"] == variants.CUDA:
         detail = f"The graphics card cannot be used: {detail}; choose Automatic in the add-on's preferences."

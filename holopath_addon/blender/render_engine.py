@@ -18,6 +18,7 @@ from ..workflow import output, pipeline, stills
 from . import properties, viewport
 
 NO_SURFACE_DEPTH = 1e10  # depth without a surface, as in Cycles
+AUTO_PASS = "Focus Auto"  # name of the pass where focusing is automatic and no other distance is listed
 
 
 class HoloPathEngine(bpy.types.RenderEngine):
@@ -56,7 +57,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
             keep = self.is_animation and props.keep_fields
             uses_list = keep or properties.of_layer(layer).use_pass_focus
             request = task.full_request
-            if uses_list:
+            if uses_list and not _is_focused_automatically(props):
                 request = replace(request, focus=[*request.focus, *properties.focus_list_of(props)])
             if keep:
                 result = self._render_into(request, _folder(depsgraph), progress, export_seconds)
@@ -114,7 +115,9 @@ def _region(settings, target, size):
     """Slices of rows, bottom first, and columns of the picture that Blender takes: all, or its Render Region."""
     if not settings.use_border:
         return slice(None), slice(None)
-    left, bottom = int(settings.border_min_x * size[0]), int(settings.border_min_y * size[1])
+    # in single precision, as Blender
+    ends = settings.border_min_x, settings.border_min_y
+    left, bottom = (int(np.float32(end) * np.float32(n)) for end, n in zip(ends, size, strict=True))
     return slice(bottom, bottom + target.resolution_y), slice(left, left + target.resolution_x)
 
 
@@ -125,6 +128,11 @@ def _folder(depsgraph):
     if sum(each.use for each in scene.view_layers) > 1:
         folder /= bpy.path.clean_name(layer.name)
     return output.frame_folder(folder, scene.frame_current)
+
+
+def _is_focused_automatically(props):
+    """Whether the only focus is that of automatic focusing, which no earlier distance stands for."""
+    return props.focus_auto and not props.focus_list
 
 
 def _focus_pass(distance):
@@ -139,7 +147,8 @@ def _passes(props, layer):
     channels = "RGB" if props.colors == "RGB" else "X"
     passes = [("Combined", "RGBA")]
     if properties.of_layer(layer).use_pass_focus:
-        names = map(_focus_pass, properties.focus_list_of(props))
+        automatic = _is_focused_automatically(props)
+        names = [AUTO_PASS] if automatic else map(_focus_pass, properties.focus_list_of(props))
         passes += [(name, "RGB") for name in dict.fromkeys(names)]
     if properties.of_layer(layer).use_pass_phase:
         passes.append(("Phase", channels))
@@ -172,6 +181,7 @@ def _pixels(request, result, depsgraph):
     arrays = {"Combined": np.concatenate([pictures[0], alpha], axis=-1)}
     for depth, picture in zip(result.focus, pictures, strict=True):
         arrays[_focus_pass(depth)] = picture
+    arrays[AUTO_PASS] = pictures[0]
     wave = np.moveaxis(result.field.data[0], 0, -1)
     if properties.of_layer(layer).use_pass_phase:
         phase = np.angle(wave) % np.float32(2 * np.pi)

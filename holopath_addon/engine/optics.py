@@ -610,11 +610,9 @@ class Optics:
         Raises
         ------
         InvalidInput
-            If the beam does not fit, see `Beam.check`, its zero order passes an off-axis stop, or the numbers of
-            colors and wavelengths differ.
+            If the beam does not fit, see `Beam.check`, or the numbers of colors and wavelengths differ.
         """
         self.beam.check(shape, pitch, wavelengths)
-        self._check_zero_order(pitch, wavelengths)
         for name, each in (
             ("scale", self.color_scale),
             ("distance", self.color_distance),
@@ -629,18 +627,27 @@ class Optics:
                 "Expected different wavelengths, because their colors differ in place. Give each wavelength once."
             )
 
-    def _check_zero_order(self, pitch, wavelengths):
-        """Check that an off-axis stop blocks the zero order, which goes where the beam does."""
+    def zero_order_note(self, pitch: Pitch, wavelengths: Sequence[float]) -> str:
+        """Note on an off-axis stop that a tilted beam's zero order passes, as it goes where the beam does; or empty.
+
+        Parameters
+        ----------
+        pitch : float or (float, float)
+            Pixel pitch of the panel, meters.
+        wavelengths : sequence of float
+            Meters.
+        """
         if self.beam.kind != "tilt" or not any(self.carrier):
-            return
+            return ""
         for wavelength in wavelengths:
             zero = (math.sin(angle) * 2 * coarsest(pitch) / wavelength for angle in self.beam.numbers)
             f_x, f_y = (np.asarray(g - c) for g, c in zip(zero, self.carrier, strict=True))
             if self.open_at(f_x, f_y):
-                raise InvalidInput(
-                    f"The tilted beam's zero order passes the stop at {wavelength * 1e9:g} nm. Choose another carrier, "
-                    "tilt or stop."
+                return (
+                    f"The tilted beam's zero order passes the stop at {wavelength * 1e9:g} nm: choose another carrier, "
+                    "tilt or stop, or a smaller one."
                 )
+        return ""
 
     def illumination(
         self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0

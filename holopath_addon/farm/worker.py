@@ -55,12 +55,12 @@ def serve(open_job: Callable[[list[str], Callable[[str], None]], Make]) -> None:
             progress = _progress(answer, canceled)
             _check_shared(task["mark"], progress)
             # of each command anew, which may find other files: its mark is its own
-            wanted = (task["folder"], task["words"], task["mark"])
-            if current != wanted:
+            request = (task["folder"], task["words"], task["mark"])
+            if current != request:
                 current, make = None, None  # free the previous scene before opening the next one
                 _enter(task["folder"])
                 make = open_job(task["words"], lambda text: answer(say=text))
-                current = wanted
+                current = request
             assert make is not None
             if "unit" in task:
                 make(task["unit"], progress)

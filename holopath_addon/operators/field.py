@@ -5,8 +5,9 @@ import time
 
 import bpy
 
+from .. import engine
 from ..blender import properties
-from ..export import depth_of, unit_scale
+from ..export import depth_of, find_camera, unit_scale
 from . import session
 from .long_modal import LongModal
 from .modal_operator import SaveOperator, check_poll, has_field, is_free, report_error
@@ -57,18 +58,22 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
 
     bl_idname = "holopath.focus_from_selected"
     bl_label = "Focus on Active Object"
+    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
         scene, target = context.scene, context.active_object
         camera = scene and scene.camera
-        both = camera is not None and target is not None
-        return check_poll(cls, both, "Select an object, and give the scene a camera") and target is not camera
+        both = camera is not None and target is not None and target != camera
+        return check_poll(cls, both, "Select an object other than the camera, and give the scene a camera")
 
     def execute(self, context: bpy.types.Context):
         scene, target = context.scene, context.active_object
         assert scene is not None and target is not None  # by `poll`
-        depth = depth_of(scene.camera, target, unit_scale(scene))
+        try:
+            depth = depth_of(find_camera(scene), target, unit_scale(scene))
+        except engine.InvalidInput as error:
+            return report_error(self, str(error))
         if depth <= 0:
             return report_error(self, f"'{target.name}' is behind the camera: select another object.")
         properties.set_focus(properties.of(scene), depth)

@@ -2,8 +2,9 @@
 
 import bpy
 
+from .. import engine
 from ..blender import properties
-from ..export import depth_of, unit_scale
+from ..export import depth_of, find_camera, unit_scale
 from . import session
 from .modal_operator import check_poll, report_error
 
@@ -86,10 +87,14 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
     def execute(self, context: bpy.types.Context):
         scene, props = context.scene, properties.of(context.scene)
         assert scene is not None  # by `poll`
+        try:
+            camera = find_camera(scene)
+        except engine.InvalidInput as error:
+            return report_error(self, str(error))
         depths = {
-            thing.name: depth_of(scene.camera, thing, unit_scale(scene))
+            thing.name: depth_of(camera, thing, unit_scale(scene))
             for thing in context.selected_objects
-            if thing != scene.camera
+            if thing != camera
         }
         behind = ", ".join(name for name, depth in depths.items() if depth <= 0)
         visible = sorted(depth for depth in depths.values() if depth > 0)

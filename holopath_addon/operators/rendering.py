@@ -141,13 +141,12 @@ class HOLOPATH_OT_check(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context):
         preferences.forget_backends()
-        problem = preferences.backend_problem()
+        backend = preferences.used_backend()
         session.current.error = ""
         session.redraw()
-        if problem:
-            self.report({"WARNING"}, problem)
+        if backend is None:
+            self.report({"WARNING"}, preferences.backend_problem())
         else:
-            backend = next(row for row in preferences.backends() if row["available"])
             self.report({"INFO"}, f"HoloPath computes with {backend['name']}: {backend['detail']}.")
         problem = preferences.check_card()
         if problem:

@@ -247,6 +247,7 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
 
     bl_idname = "holopath.new_planes"
     bl_label = "New"
+    bl_options = {"UNDO"}
 
     filepath: StringProperty(name="File", description="JSON file to write", subtype="FILE_PATH")
 

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -376,3 +377,35 @@ def test_pixels_of_earlier_versions_keep_their_shape(addon):
         assert props.pixel_shape is shaped
         assert (properties.modulator_of(props).fill_factor is not None) is shaped
     props.property_unset("fill_factor")
+
+
+def test_what_is_appended_leaves_the_file_s_own_scenes(settings):
+    """One in which something is set, and which was not saved yet, is none of an earlier version."""
+    settings.frames = 3
+    assert not settings.is_property_set("depth_auto")
+    cube = bpy.data.meshes.new("Appended")
+    properties._settle_imported(SimpleNamespace(import_items=[SimpleNamespace(id=cube)]))
+    assert properties.depth_is_auto(settings)
+    properties._settle()
+    assert not properties.depth_is_auto(settings)
+
+
+def test_a_file_that_is_recovered_after_a_render_keeps_its_range(settings):
+    """Auto-saves are not stamped as files are, but a render has written its focus."""
+    settings.frames = 3
+    properties.note_focus(settings, 0.7)
+    properties._settle()
+    assert properties.depth_is_auto(settings)
+
+
+@pytest.mark.parametrize("mapping", ["fit", "eyepiece"])
+def test_a_range_set_by_hand_begins_with_that_of_the_lens(settings, mapping):
+    settings.depth_mapping, settings.optics.use_lens = mapping, True
+    before = properties.hologram_of(settings)
+    settings.depth_auto = False
+    after = properties.hologram_of(settings)
+    assert (after.depth_far, after.depth_near) == pytest.approx(
+        (before.depth_far, before.depth_near), abs=1e-8
+    )
+    settings.display = "leto-3"  # which lies 80 mm before its picture, without a lens
+    assert properties.depth_is_auto(settings) and properties.hologram_of(settings).width == 1920

@@ -292,3 +292,12 @@ def test_render_region(f12, tmp_path, crop):
     expected = whole[rows, columns]
     assert found.shape == expected.shape
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+
+
+def test_the_pass_of_automatic_focusing(f12, multilayer):
+    """It is the picture's, by one name in each frame, whatever distance was found before."""
+    f12.holopath.focus_auto = True
+    f12.view_layers[0].holopath.use_pass_focus = True
+    channels = multilayer()
+    np.testing.assert_array_equal(of_pass(channels, "Focus Auto"), of_pass(channels, "Combined"))
+    assert not any("mm" in name for name in channels)

@@ -99,7 +99,10 @@ def _display_changed(props, context):
         True,
     )
     props.frames = display.frames
-    props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
+    if props.optics.use_lens:  # which has a range of its own
+        props.depth_auto = True
+    else:
+        props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
 
 
 def _depth_set(props, context):
@@ -113,7 +116,10 @@ def _ends_set(props):
 def _depth_auto_changed(props, context):
     """Start a depth range set by hand with the automatic one."""
     if not props.depth_auto and not _ends_set(props):
-        whole = engine.Hologram(props.resolution_x, props.resolution_y, pitch_of(props))
+        try:
+            whole = hologram_of(props, depth_auto=True)
+        except (engine.InvalidInput, engine.BackendUnavailable):  # which the panel says
+            return
         props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
@@ -571,7 +577,7 @@ def of_layer(layer: bpy.types.ViewLayer | None) -> HoloPathViewLayer:
     return getattr(layer, _NAME)
 
 
-def hologram_of(props, resolution=None):
+def hologram_of(props, resolution=None, depth_auto=None):
     """Hologram that the settings describe.
 
     Parameters
@@ -579,6 +585,8 @@ def hologram_of(props, resolution=None):
     props : HoloPathSettings
     resolution : tuple of int, optional
         Width and height, pixels, of its picture; None: the panel is that of the settings.
+    depth_auto : bool, optional
+        Whether the depth range is automatic. Default: as the settings say.
 
     Returns
     -------
@@ -593,7 +601,8 @@ def hologram_of(props, resolution=None):
     """
     wavelengths = tuple(props.wavelengths_nm) if props.colors == "RGB" else (props.wavelength_nm,)
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
-    ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
+    is_auto = depth_is_auto(props) if depth_auto is None else depth_auto
+    ends = {} if is_auto else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
     optics = optics_of(props)
     arguments: dict[str, Any] = {
         "pitch": pitch_of(props),
@@ -728,6 +737,9 @@ def set_focus(props, distance):
 
 def note_focus(props, distance):
     """Write down the distance, meters, of automatic focusing, without refocusing: its picture is shown already."""
+    # auto-saves lack `_stamp`: without this a file that is recovered would count as one of an earlier version
+    if not props.is_property_set("depth_auto"):
+        props.depth_auto = depth_is_auto(props)
     with _without_refocusing():
         set_focus(props, distance)
 
@@ -794,23 +806,37 @@ def _settle(*_):
     """
     adopt_animation()
     for scene in bpy.data.scenes:
-        props = of(scene)
-        adopt(props)
-        if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
-            props.pixel_shape = True
-        if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
-            props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
-        for props in (of(scene), of(scene).device, of(scene).optics):
-            for prop in props.bl_rna.properties:
-                if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
-                    props.property_unset(prop.identifier)
+        _settle_scene(scene)
+
+
+@bpy.app.handlers.persistent
+def _settle_imported(context, *_):
+    """Adapt the scenes that were appended or linked, as `_settle`; others in the file are of this version."""
+    adopt_animation()
+    for item in context.import_items:
+        if isinstance(item.id, bpy.types.Scene):
+            _settle_scene(item.id)
+
+
+def _settle_scene(scene):
+    props = of(scene)
+    adopt(props)
+    if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
+        props.pixel_shape = True
+    if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
+        props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
+    for props in (of(scene), of(scene).device, of(scene).optics):
+        for prop in props.bl_rna.properties:
+            if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
+                props.property_unset(prop.identifier)
 
 
 def _handlers():
     """Lists of Blender's handlers, each with a function of ours; Blender 4.2 has no handler of appended scenes."""
-    adapting = ("load_post", "blend_import_post")
-    lists = [getattr(bpy.app.handlers, name) for name in adapting if hasattr(bpy.app.handlers, name)]
-    return [*((handlers, _settle) for handlers in lists), (bpy.app.handlers.save_pre, _stamp)]
+    handlers = bpy.app.handlers
+    imported = getattr(handlers, "blend_import_post", None)
+    own = [(handlers.load_post, _settle), (handlers.save_pre, _stamp)]
+    return own if imported is None else [*own, (imported, _settle_imported)]
 
 
 def attach():

@@ -118,6 +118,7 @@ def plan(
     check_fixed(requested.fixed)
     settings = resolved(requested)
     warnings = unmodeled_warnings(scene) + despeckling_caution(requested)
+    warnings += filter(None, [hologram.optics.zero_order_note(hologram.pitch, hologram.wavelengths)])
     eye, grid = traced(camera, hologram)
     check_method(scene, settings.method)
     if settings.method in BASELINES:
