@@ -314,5 +314,5 @@ def test_a_beam_in_another_convention(attributes, differs, tmp_path):
     if not differs:
         assert exchange.parse_beam(text).measured.shape == (4, 6)
         return
-    with pytest.raises(engine.InvalidInput, match=f"phase.h5.*other {differs}. Convert"):
+    with pytest.raises(engine.InvalidInput, match=f"phase.h5.*got {differs} .*Write it so"):
         exchange.parse_beam(text)
