@@ -155,7 +155,7 @@ def decide_bounces(survey: Survey, cached: bool) -> Decided[int]:
         reason = "as many as are allowed"
     saving = f"{limit - light.max_depth} vertices of {limit}" if light.max_depth < limit else ""
     value = f"{light.max_depth} vertices"
-    return Decided(light.max_depth, (Decision("light bounces", value, reason, saving, light.lost / 2),))
+    return Decided(light.max_depth, (Decision("light bounces", value, reason, saving, light.lost_error),))
 
 
 def decide_paths(survey: Survey, cached: bool) -> Decided[tuple[int, float]]:

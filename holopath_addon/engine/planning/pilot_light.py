@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MIN_LIGHT_FRACTION = 0.005  # of the light: bounces that add less are left out
+# Bounces are left out that add less than this fraction of the light, and without which the field has less than this
+# relative error: what is dark may be lit by them alone.
+MIN_LIGHT_FRACTION, MAX_LOST_ERROR = 0.005, 0.02
 OUTLIER_FRACTION = 0.01  # of the grains: else a few at the edges of emitters' images would decide
 BRIGHT_PERCENTILE = 95
 VERTEX_COUNTS = (1, 2, 3, 4, 6)  # maximum vertices of a path, in the order tried
@@ -25,6 +27,8 @@ class Light:
         Fraction of the paths that begin on an emitter.
     lost : float
         Fraction of the light that longer paths would add.
+    lost_error : float
+        Relative error of the field without that light.
     noise, direct, texture : float
         Variance relative to the squared mean of the grain, weighted by brightness: of one path, of one that ends at the
         first surface that lamps light, and of the reflectance where a path begins.
@@ -44,6 +48,7 @@ class Light:
     max_depth: int
     shining: float
     lost: float = 0.0
+    lost_error: float = 0.0
     noise: float = 0.0
     direct: float = 0.0
     texture: float = 0.0
@@ -116,11 +121,12 @@ def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: 
     if not lit.any():
         return dark
     grains = _LitGrains(lit, mean, means)
-    depth, lost = _vertices(paths, grains, whole, min_vertices, max_vertices)
+    depth, lost, lost_error = _vertices(paths, grains, whole, min_vertices, max_vertices)
     return Light(
         depth,
         paths.shining,
         lost,
+        lost_error,
         noise=grains.noise(paths.variance(limited), means),
         direct=grains.noise(paths.variance(np.minimum(paths.direct, limit)), means),
         texture=grains.noise(paths.variance(paths.reflectance), paths.mean(paths.reflectance)),
@@ -143,6 +149,14 @@ class _LitGrains:
         """Fraction of the light of all channels, weighted mean."""
         return float((self._weight * values[self._lit] / self._mean).sum())
 
+    def amplitude_error(self, lost, whole):
+        """Relative error of the field where a part of each grain's light is lost.
+
+        With weights w by brightness and the lost fraction l of each grain, e^2 = sum w (1 - sqrt(1 - l))^2.
+        """
+        fraction = np.clip(lost[self._lit] / np.maximum(whole[self._lit], 1e-30), 0, 1)
+        return float(np.sqrt((self._weight * (1 - np.sqrt(1 - fraction)) ** 2).sum()))
+
     def noise(self, variance, means):
         """Relative variance, of each channel by itself."""
         relative = variance[:, self._lit] / np.maximum(means[:, self._lit], 1e-30) ** 2
@@ -151,10 +165,11 @@ class _LitGrains:
 
 
 def _vertices(paths, grains, whole, min_vertices, max_vertices):
-    """Vertices of a path that suffice, and the fraction of the light that is lost with them."""
-    left = grains.fraction(whole)
+    """Vertices of a path that suffice, the fraction of the light that is lost with them, and the field's error."""
+    left = whole
     for count, light in zip(VERTEX_COUNTS, paths.by_vertices, strict=False):
-        left -= grains.fraction(paths.mean(light))
-        if min_vertices <= count < max_vertices and left < MIN_LIGHT_FRACTION:
-            return count, max(left, 0.0)
-    return max_vertices, 0.0
+        left = left - paths.mean(light)
+        lost, error = grains.fraction(left), grains.amplitude_error(left, whole)
+        if min_vertices <= count < max_vertices and lost < MIN_LIGHT_FRACTION and error < MAX_LOST_ERROR:
+            return count, max(lost, 0.0), error
+    return max_vertices, 0.0, 0.0

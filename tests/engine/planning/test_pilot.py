@@ -72,3 +72,23 @@ def test_where_the_pilot_finds_no_light_nothing_is_left_out():
     light = light_of(paths_of(np.zeros((3, 4096))), 1, 8, 10.0)
     assert light.max_depth == 8 and light.bright == 0
     assert noise.radiance_limit(engine.Settings(quality="draft"), light, 4) == math.inf
+
+
+def test_bounces_that_light_the_dark_alone_are_kept():
+    """A bright sky over most of the view: what the rest has is under 0.5 % of the light, but all that it has."""
+    from holopath_addon.engine.planning.pilot_light import light_of
+
+    color = np.ones((3, 4096))
+    color[:, 2900:] = 0.01
+    paths = paths_of(color)
+    bounced = np.where(color.sum(0)[:, None] < 0.1, paths.light.sum(0), 0)
+    for number in range(5):
+        paths.by_vertices[number] = [paths.light.sum(0) - bounced, bounced, *[0 * bounced] * 3][number]
+    assert 0 < bounced.sum() < 0.005 * paths.light.sum()
+    light = light_of(paths, 1, 8, 10.0)
+    assert light.max_depth == 2 and light.lost_error == 0
+    evenly = paths_of(np.ones((3, 4096)))
+    for number in range(5):
+        evenly.by_vertices[number] = [0.996, 0.004, 0, 0, 0][number] * evenly.light.sum(0)
+    light = light_of(evenly, 1, 8, 10.0)
+    assert light.max_depth == 1 and light.lost_error == pytest.approx(0.002, rel=0.01)  # half of the light's
