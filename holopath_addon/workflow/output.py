@@ -168,7 +168,7 @@ def _tile(rgb, white, label):
 def _label(text, width):
     """Strip with a text, white on gray, which is as large as suits an image of some width."""
     across, down = GLYPH_SIZE
-    scale = max(1, width // (40 * across))
+    scale = max(1, width // (24 * across))
     columns = [[int(row) >> bit & 1 for row in GLYPHS[each]] for each in text.upper() for bit in (2, 1, 0, 3)]
     drawn = np.array(columns, bool).T.repeat(scale, 0).repeat(scale, 1)[:, :width]
     strip = np.full((down * scale, width, 3), SHEET_GRAY, np.uint8)
