@@ -9,6 +9,7 @@ from .. import engine, slm
 from ..engine.settings.choices import Choice
 from ..slm.drivers.controller import BAUD, MIN_BAUD
 from ..slm.drivers.slmsuite_device import DEVICES, options_of
+from ..slm.sequence import check_responses
 
 # Menu items: identifier, label, help, and the number that a .blend holds.
 _DRIVERS = [
@@ -208,6 +209,7 @@ def sequence_of(device, phase):
     calibration = calibration_of(device)
     falling = calibration is None and device.falling
     order = device.order if has_order(device) else "RGB"
+    check_responses(packing_of(device), calibration)
     return slm.Sequence([phase], calibration, packing_of(device), order, falling=falling)
 
 

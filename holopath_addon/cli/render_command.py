@@ -971,8 +971,9 @@ def _job(args, source):
     """The job: every input that affects the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = digests({**source.files, **files_of(args)}) | network.digests()
-    return SharedJob(scene, output.plain(words), files, versions())
+    if options.settings_of(args, source.settings).method == "network":
+        words["network"] = network.digests()
+    return SharedJob(scene, output.plain(words), digests({**source.files, **files_of(args)}), versions())
 
 
 def versions():

@@ -20,6 +20,7 @@ from ..engine.waves import libraries
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
+from ..slm.sequence import check_responses
 from ..workflow import failures, output, pipeline
 from .console import Progress
 from .options import add_old_name, argument, listed, numbers, pitch, say
@@ -269,7 +270,7 @@ def _add_device(parser):
     group = parser.add_argument_group("driver display").add_argument
     group("--monitor", metavar="NAME", help="name or geometry (1920x1080+1920+0) of the SLM's monitor")
     group("--primary", action="store_true", help="allow the monitor where you work")
-    group = parser.add_argument_group("driver serial, trigger and focus").add_argument
+    group = parser.add_argument_group("driver serial, pulses and focus").add_argument
     group("--port", metavar="PORT", help="serial port of the controller")
     group("--baud", type=int, default=BAUD, help="baud rate (default %(default)s)")
     group = parser.add_argument_group("driver slmsuite").add_argument
@@ -303,11 +304,7 @@ def _stream(args):
         if calibration is None:
             calibration, falling = slm.Calibration(falling=falling), False
         calibration = replace(calibration, bits=args.bits)
-    if slm.packing_of(args.packing).grid != (1, 1) and not (calibration and calibration.responses):
-        raise engine.InvalidInput(
-            f"The levels of a device for the packing {args.packing} are uneven. Give its calibration with responses, "
-            "see docs/slm.md."
-        )
+    check_responses(args.packing, calibration)
     sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats, falling)
     driver = _driver(args, sequence)
     controller = _controller(args, driver)

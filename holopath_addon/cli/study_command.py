@@ -158,13 +158,12 @@ def _work(study, out, runs, say):
 
 def _job(study, run_args, scenes):
     """The job: every input that affects the results, such as the runs and the scenes' files."""
-    files: dict = network.digests()
+    files: dict = {}
     inputs: dict = {"runs": sorted(run.digest for run in study.runs)}
+    if any(args.method == "network" for args in run_args):
+        inputs["network of a run"] = network.digests()
     known = set()
     for run, args in zip(study.runs, run_args, strict=True):
-        files |= {
-            f"{run.scene}: {role}": digest for role, digest in digests(render_command.files_of(args)).items()
-        }
         opened = run.scene, str(args.define), args.scene_name  # which may have other files each
         if opened in known:
             continue

@@ -165,7 +165,9 @@ class Contents:
             return frozenset()
         if collection.session_uid not in self._hidden:
             all_uids, shown = (_within(collection, everything) for everything in (True, False))
-            self._hidden[collection.session_uid] = all_uids - shown
+            self._hidden[collection.session_uid] = (
+                all_uids - shown if not _scatters(collection) else frozenset()
+            )
         return self._hidden[collection.session_uid]
 
     def _add(self, instance, object, owner):
@@ -633,6 +635,14 @@ def _is_scattered(instance, owner):
     system = instance.particle_system if instance.is_instance else None
     of_collection = system is not None and system.settings.render_type == "COLLECTION"
     return instance.is_instance and owner.instance_type == "NONE" and not of_collection
+
+
+def _scatters(collection):
+    """Whether nodes or particles in a collection may show objects wherever these are hidden."""
+    return any(
+        len(object.particle_systems) or any(modifier.type == "NODES" for modifier in object.modifiers)
+        for object in collection.all_objects
+    )
 
 
 def _within(collection, everything):

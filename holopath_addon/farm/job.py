@@ -126,7 +126,7 @@ class SharedJob:
             return  # the scene was saved again: stale results are replaced
         for name in sorted(earlier.files.keys() | self.files.keys()):
             there, here = earlier.files.get(name), self.files.get(name)
-            if there and not here:
+            if there and not here and earlier.words == self.words:
                 raise InvalidInput(
                     f"{folder} was started with the file {name}, which is missing on {processes.host()}. Copy it "
                     "there, or choose another folder."

@@ -187,15 +187,16 @@ def _runs(parts):
 
 
 def _views(table):
-    """Numbers and options of views; more views do not change the first ones."""
+    """Numbers and options of views; more views or frames do not change those that there are."""
     _check_names(table, ("count", "seed", "frames", *MOVES, *TURNS), "part of [views]")
     count, seed = table.get("count", 1), table.get("seed", 0)
     if not (isinstance(count, int) and isinstance(seed, int) and count >= 1 and seed >= 0):
         raise InvalidInput("Expected count and seed of [views] as whole numbers, such as count = 20.")
     frames = ranges.frames(str(table["frames"])) if "frames" in table else (None,)
     low, high = np.transpose([_range(table, name) for name in (*MOVES, *TURNS)])
-    for view, (_, frame) in enumerate(itertools.product(range(count), frames)):
-        place = [f"{x:.6g}" for x in np.random.default_rng([seed, view]).uniform(low, high)]
+    for view, (number, frame) in enumerate(itertools.product(range(count), frames)):
+        own = [seed, number] if frame is None else [seed, number, frame & 0xFFFFFFFF]
+        place = [f"{x:.6g}" for x in np.random.default_rng(own).uniform(low, high)]
         options = {} if frame is None else {"at_frame": frame}
         options |= {"move": ",".join(place[:3])} if any(name in table for name in MOVES) else {}
         options |= {"turn": ",".join(place[3:])} if any(name in table for name in TURNS) else {}
@@ -311,7 +312,8 @@ def rows(study: Study, out: Path, job: str | None = None) -> list[dict]:
         error, report = failure(out, folder.name), output.read_report(folder)
         row = {"run": folder.name, **run.row()}
         if error or not report or job not in (None, report.get("job")):
-            table.append({**row, "error": error or "This run is not made yet."})
+            missing = "made yet" if not report else "checked yet: its scene or HoloPath may have changed"
+            table.append({**row, "error": error or f"This run is not {missing}."})
             continue
         columns = _columns_of(report)
         figures = {_number(each["focus_m"]): each for each in report.get("comparison") or ()}

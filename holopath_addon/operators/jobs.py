@@ -89,6 +89,11 @@ class Job:
         return self._thread is not None and self._thread.is_alive()
 
     @property
+    def asks(self):
+        """Whether a query of the thread waits for its answer."""
+        return self._query is not None
+
+    @property
     def canceling(self):
         """Whether `cancel` was called."""
         return self._cancel.is_set()

@@ -108,6 +108,8 @@ class ModalOperator(LongModal):
                 return {"FINISHED", "PASS_THROUGH"}
             if not bpy.app.is_job_running("RENDER"):  # whose thread reads what exporting may change
                 job.answer_query()
+            elif job.asks:
+                job.message = "Waiting for Blender's render"
             preview = job.take_offer()
             if preview is not None:
                 try:

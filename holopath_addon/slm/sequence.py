@@ -24,6 +24,26 @@ if TYPE_CHECKING:
 MAX_CACHE_BYTES = 512 << 20  # of pictures
 
 
+def check_responses(packing: str, calibration: Calibration | None) -> None:
+    """Check that a device whose levels are uneven has a calibration with responses.
+
+    Parameters
+    ----------
+    packing : str
+        See `Sequence`.
+    calibration : Calibration or None
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if packing_of(packing).grid != (1, 1) and not (calibration and calibration.responses):
+        raise InvalidInput(
+            f"The levels of a device for the packing {packing} are uneven. Give its calibration with responses, see "
+            "docs/slm.md."
+        )
+
+
 class Sequence:
     """One round of pictures that show holograms.
 

@@ -54,7 +54,7 @@ _NAMES = {
     "quilt": "quilt",
     "contact_sheet": "contact sheet",
     "method": "light of all frames",
-    "network": "network",
+    "network": "function",
     "settings": "setting",
 }
 

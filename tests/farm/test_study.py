@@ -351,13 +351,15 @@ def test_parameters_of_a_scene_file(study):
 
 
 def test_more_views_leave_those_that_are_there(tmp_path):
-    """Also of several frames: each view has its place in all of them."""
-    few, many = (
-        list(studies._views({"count": count, "seed": 3, "frames": "1-3", "right": 0.1, "turn_up": 2}))
-        for count in (2, 3)
-    )
-    assert many[: len(few)] == few and len(many) == 9
-    assert len({options["move"] for _, options in many}) == 9  # each has a place of its own
+    """And so do more frames."""
+
+    def places(count, frames):
+        views = studies._views({"count": count, "seed": 3, "frames": frames, "right": 0.1, "turn_up": 2})
+        return {(options["at_frame"], options["move"]) for _, options in views}
+
+    few, more_views, more_frames = places(2, "1-3"), places(3, "1-3"), places(2, "1-4")
+    assert few < more_views and few < more_frames
+    assert len({move for _, move in more_views}) == 9  # each has a place of its own
 
 
 def test_rows_of_another_job_are_missing(study, tmp_path):
@@ -366,4 +368,6 @@ def test_rows_of_another_job_are_missing(study, tmp_path):
     assert run(path) == 0
     read = studies.read(path)
     assert [row["error"] for row in studies.rows(read, out)] == [None, None]
-    assert [row["error"] for row in studies.rows(read, out, "another")] == ["This run is not made yet."]
+    assert [row["error"] for row in studies.rows(read, out, "another")] == [
+        "This run is not checked yet: its scene or HoloPath may have changed."
+    ]

@@ -77,7 +77,7 @@ def digests() -> dict[str, str]:
         found = None if module.endswith(".py") or not module else importlib.util.find_spec(module)
         file = module if found is None else found.origin
         return {f"network {name}": hashlib.sha256(Path(file or "").read_bytes()).hexdigest()}
-    except (ImportError, ValueError, OSError):
+    except Exception:  # of a package that is imported for its name; `load_function` says why
         return {}
 
 

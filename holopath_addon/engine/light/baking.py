@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -214,7 +213,7 @@ def bake(
         new = ~cache.baked(texels)
         if (fresh or missing > MAX_MISSING) and new.any():
             groups = Groups.of(cache.atlas, texels[new], side[new])
-            limit = plan.radiance_limit or math.inf  # 0 of a dark view means nothing for wider ones
+            limit = plan.radiance_limit
             gathered = gather(
                 request, cache, groups, limit, lambda done: progress(0.4 + 0.6 * done, "Baking light in view")
             )

@@ -212,6 +212,7 @@ class Pilot:
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
         # of a scene whose near end is far, all vergences are small
         shallow = min(1.0, (self._hologram.depth_near - self._mapping.z_far) / self._mapping.beta)
+        shallow = dr.opaque(mi.Float, shallow)
         bent = dr.abs(dr.rcp(view.distance) - path) > MIN_BEND * (path + shallow)
         # light that comes from its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()

@@ -10,6 +10,7 @@ import numpy as np
 # Bounces are left out that add less than this fraction of the light, and without which the field has less than this
 # relative error: what is dark may be lit by them alone.
 MIN_LIGHT_FRACTION, MAX_LOST_ERROR = 0.005, 0.02
+MAX_CHROMA = 3.0  # of light of one channel alone
 OUTLIER_FRACTION = 0.01  # of the grains: else a few at the edges of emitters' images would decide
 BRIGHT_PERCENTILE = 95
 VERTEX_COUNTS = (1, 2, 3, 4, 6)  # maximum vertices of a path, in the order tried
@@ -110,7 +111,8 @@ def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: 
     Light
     """
     # the pilot may miss what is small: where it finds no light nothing is left out
-    whole, dark = paths.mean(paths.light.sum(0)), Light(max_vertices, paths.shining)
+    colors = paths.mean(paths.light)
+    whole, dark = colors.sum(0), Light(max_vertices, paths.shining, chroma=MAX_CHROMA)
     if not (whole > 0).any():
         return dark
     # as paths of the render are limited
@@ -130,7 +132,7 @@ def light_of(paths: Paths, min_vertices: int, max_vertices: int, firefly_limit: 
         noise=grains.noise(paths.variance(limited), means),
         direct=grains.noise(paths.variance(np.minimum(paths.direct, limit)), means),
         texture=grains.noise(paths.variance(paths.reflectance), paths.mean(paths.reflectance)),
-        chroma=float((3 * np.ptp(means, axis=0)[lit] / mean[lit]).max()),
+        chroma=float((3 * np.ptp(colors, axis=0)[lit] / whole[lit]).max()),
         bright=float(grains.bright) / 3,
     )
 

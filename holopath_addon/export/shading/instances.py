@@ -145,6 +145,8 @@ def _instancer_attributes(instance, object, names):
 
 def _as_rgba(name, value):
     """A number or vector of an attribute as Cycles' four numbers, or nothing."""
+    if isinstance(value, str) or (hasattr(value, "__len__") and not 1 <= len(value) <= 4):
+        return {}
     try:
         numbers = tuple(map(float, value)) if hasattr(value, "__len__") else (float(value),) * 3
     except (TypeError, ValueError):

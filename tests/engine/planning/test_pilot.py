@@ -70,7 +70,7 @@ def test_where_the_pilot_finds_no_light_nothing_is_left_out():
     from holopath_addon.engine.planning.pilot_light import light_of
 
     light = light_of(paths_of(np.zeros((3, 4096))), 1, 8, 10.0)
-    assert light.max_depth == 8 and light.bright == 0
+    assert light.max_depth == 8 and light.bright == 0 and light.chroma == 3
     assert noise.radiance_limit(engine.Settings(quality="draft"), light, 4) == math.inf
 
 
