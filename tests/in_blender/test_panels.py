@@ -80,8 +80,8 @@ def test_progress_of_a_whole_render(walk):
     messages = [text for _, text in status if text is not None]
     assert status[-1][1] is None
     for texts, form in (
-        ([progress["text"] for _, (progress,), _ in rows], r"(?:(\d+)% )?\w.*"),
-        (messages, r"HoloPath: (?:(\d+)% )?\w.* \(Esc cancels\)"),
+        ([progress["text"] for _, (progress,), _ in rows], r"(?:(\d+)%,? )?\w.*"),
+        (messages, r"HoloPath: (?:(\d+)%,? )?\w.* \(Esc cancels\)"),
     ):
         shares = [int(re.fullmatch(form, text)[1] or 0) for text in texts]
         assert shares == sorted(shares)
