@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -60,6 +61,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
             if uses_list and not _is_focused_automatically(props):
                 request = replace(request, focus=[*request.focus, *properties.focus_list_of(props)])
             if keep:
+                _check_own(depsgraph, request)
                 result = self._render_into(request, _folder(depsgraph), progress, export_seconds)
             else:
                 result = pipeline.compute(request, progress)
@@ -128,6 +130,21 @@ def _folder(depsgraph):
     if sum(each.use for each in scene.view_layers) > 1:
         folder /= bpy.path.clean_name(layer.name)
     return output.frame_folder(folder, scene.frame_current)
+
+
+def _check_own(depsgraph, request):
+    """Refuse to replace frames of another file or scene."""
+    scene, origin = depsgraph.scene, request.origin
+    file = Path(bpy.data.filepath).name or background.UNTITLED
+    background.check_free(background.folder_of(scene), file, scene.name)
+    report = output.read_report(_folder(depsgraph))
+    name, other = Path(report.get("scene") or file).name, (report.get("scene_state") or {}).get("scene")
+    is_file = name.endswith(".blend")  # which may have been saved since
+    if report and ((is_file and name != file) or other != origin.scene_state["scene"]):
+        raise engine.InvalidInput(
+            f"{_folder(depsgraph)} holds a frame of {name}, scene '{other}', which would be replaced: choose another "
+            "folder in the Output properties, or delete that one."
+        )
 
 
 def _is_focused_automatically(props):

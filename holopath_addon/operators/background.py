@@ -246,7 +246,7 @@ def start(scene, view_layer):
     current = Background(name, len(frames_of(scene)), message="Starting Blender")
     try:
         folder = folder_of(scene)
-        _check_free(folder, name, scene.name)
+        check_free(folder, name, scene.name)
         copy = _save_copy(folder, name)
         try:
             words = [*_words(properties.of(scene), copy, folder), *_opened(scene, view_layer)]
@@ -264,8 +264,19 @@ def start(scene, view_layer):
         bpy.app.timers.register(_watch, first_interval=REDRAW_INTERVAL, persistent=True)
 
 
-def _check_free(folder, file, scene):
-    """Refuse a folder with the animation of another file or scene: its frames would be replaced."""
+def check_free(folder, file, scene):
+    """Refuse a folder with the animation of another file or scene: its frames would be replaced.
+
+    Parameters
+    ----------
+    folder : Path
+    file, scene : str
+        Names of the file and of the scene to render.
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
     job = job_of(folder)
     if job is None or job.scene == UNTITLED:  # the file may have been saved since
         return

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.farm.job import SharedJob
 from holopath_addon.operators import session
 
 
@@ -250,6 +251,25 @@ def test_a_canceled_animation_goes_on(f12, kept, monkeypatch):
     assert kept() == ["frame_0002"] and session.current.error == ""
     bpy.ops.render.render(animation=True)
     assert kept() == ["frame_0001", "frame_0002"] and len(frames) == 3
+
+
+def test_frames_of_another_animation_stay(f12, kept, tmp_path):
+    """A folder where *Render Animation* has put another file's frames is refused, as by that button."""
+    (tmp_path / "kept").mkdir()
+    with SharedJob("another.blend", {}, {}, {}).join(tmp_path / "kept", ["frame_0001"]):
+        pass
+    with pytest.raises(RuntimeError, match="holds the animation of another.blend"):
+        bpy.ops.render.render(animation=True)
+    assert not [name for name in kept() if name.startswith("frame")]
+
+
+def test_frames_of_another_scene_stay(f12, kept, tmp_path):
+    bpy.ops.render.render(animation=True)
+    before = (tmp_path / "kept" / "frame_0001" / "report.json").read_bytes()
+    f12.name = "Another"
+    with pytest.raises(RuntimeError, match="holds a frame of .*scene 'Scene', which would be replaced"):
+        bpy.ops.render.render(animation=True)
+    assert (tmp_path / "kept" / "frame_0001" / "report.json").read_bytes() == before
 
 
 def test_stills_write_no_folder(f12, kept, tmp_path):

@@ -240,14 +240,14 @@ def test_what_the_window_shows_is_rendered(moving, tmp_path):
         assert bpy.ops.holopath.render_animation() == {"FINISHED"}
     opened = json.loads((tmp_path / "out" / "frame_0001" / "report.json").read_text())["scene_state"]
     assert (opened["scene"], opened["view_layer"]) == (moving.name, "Foreground")
-    background._check_free(tmp_path / "out", "saved.blend", "Since")
+    background.check_free(tmp_path / "out", "saved.blend", "Since")
     job = tmp_path / "out" / "job.json"
     job.write_text(job.read_text().replace(background.UNTITLED, "shot_a.blend"))
-    background._check_free(tmp_path / "out", "shot_a.blend", moving.name)
+    background.check_free(tmp_path / "out", "shot_a.blend", moving.name)
     with pytest.raises(RuntimeError, match=r"animation of shot_a.blend, which would be replaced"):
         bpy.ops.holopath.render_animation()
     with pytest.raises(engine.InvalidInput, match=f"animation of the scene '{moving.name}'"):
-        background._check_free(tmp_path / "out", "shot_a.blend", "Other")
+        background.check_free(tmp_path / "out", "shot_a.blend", "Other")
 
 
 def test_command(addon, monkeypatch, tmp_path):
