@@ -140,7 +140,8 @@ def _check_own(depsgraph, request):
     report = output.read_report(_folder(depsgraph))
     name, other = Path(report.get("scene") or file).name, (report.get("scene_state") or {}).get("scene")
     is_file = name.endswith(".blend")  # which may have been saved since
-    if report and ((is_file and name != file) or other != origin.scene_state["scene"]):
+    # reports of earlier versions name no scene
+    if report and ((is_file and name != file) or other not in (None, origin.scene_state["scene"])):
         raise engine.InvalidInput(
             f"{_folder(depsgraph)} holds a frame of {name}, scene '{other}', which would be replaced: choose another "
             "folder in the Output properties, or delete that one."

@@ -78,17 +78,23 @@ def test_hair_curves_look_as_in_cycles(stage):
     assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.03)
 
 
-@pytest.mark.parametrize("shown", [True, False])
-def test_particle_hair_looks_as_in_cycles(stage, shown):
-    material = _lit(stage)
-    ground = stage.plane(2.4, stage.material("ShaderNodeBsdfDiffuse", "ground", Color=(0.1, 0.1, 0.4, 1)))
+def _hairy(stage, size, material, length, radii):
+    """A plane with 60 hairs, and their settings."""
+    ground = stage.plane(size, stage.material("ShaderNodeBsdfDiffuse", "ground", Color=(0.1, 0.1, 0.4, 1)))
     ground.data.materials.append(material)
     ground.modifiers.new("hair", "PARTICLE_SYSTEM")
     settings = ground.particle_systems[0].settings
-    settings.type, settings.count, settings.hair_length = "HAIR", 60, 1.0
+    settings.type, settings.count, settings.hair_length = "HAIR", 60, length
     settings.display_step = settings.render_step = 3
     settings.brownian_factor = 0.3
-    settings.material, settings.root_radius, settings.tip_radius = 2, 6.0, 2.0
+    settings.material, (settings.root_radius, settings.tip_radius) = 2, radii
+    return ground, settings
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_particle_hair_looks_as_in_cycles(stage, shown):
+    material = _lit(stage)
+    ground, settings = _hairy(stage, 2.4, material, length=1.0, radii=(6.0, 2.0))
     settings.shape = -0.5
     ground.show_instancer_for_render = ground.show_instancer_for_viewport = shown
     exported = stage.export((48, 48))
@@ -232,14 +238,7 @@ def test_a_radius_of_each_curve(stage):
 def test_hair_as_its_emitter_and_system_have_it(stage, case):
     """Thick as the emitter's scale makes it, with the curl at its end, and children alone where there are any."""
     material = stage.material("ShaderNodeEmission")
-    ground = stage.plane(0.8, stage.material("ShaderNodeBsdfDiffuse", "ground"))
-    ground.data.materials.append(material)
-    ground.modifiers.new("hair", "PARTICLE_SYSTEM")
-    settings = ground.particle_systems[0].settings
-    settings.type, settings.count, settings.hair_length = "HAIR", 60, 0.6
-    settings.display_step = settings.render_step = 3
-    settings.brownian_factor = 0.2
-    settings.material, settings.root_radius, settings.tip_radius = 2, 1.0, 1.0
+    ground, settings = _hairy(stage, 0.8, material, length=0.6, radii=(1.0, 1.0))
     if case == "scaled":
         ground.scale = (2, 2, 2)
     elif case == "spiral":

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...engine import InvalidInput
 from ...engine.files import check_palette
+from ...engine.hologram import MAX_PIXELS
 from ...engine.scene import variants
 from ..pictures import check_exr
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".exr", ".hdr")
-MAX_PIXELS = 1 << 26  # of a picture, the same as of a hologram
 
 
 def read_picture(path: Path) -> np.ndarray:
