@@ -74,6 +74,8 @@ class Task:
     records : list of (str, int)
         Effort and frames, in order of work.
     folder : str
+    slower : float
+        How much slower this machine is than that in whose seconds efforts are limited.
     """
 
     scene: str
@@ -83,6 +85,14 @@ class Task:
     limit: float
     records: list
     folder: str
+    slower: float = 1.0
+
+    def encoding(self, method, effort):
+        """`Method.encoding`, with its limit in this machine's seconds."""
+        words = method.encoding(effort)
+        if words and "seconds" in words:
+            return words | {"seconds": words["seconds"] * self.slower}
+        return words
 
 
 def digest_of(*things):
@@ -118,7 +128,7 @@ def record_path(task, effort, frames):
 
 def record_digest(task, method, effort, frames):
     """Of all that decides a record."""
-    settings, encoding = asdict(method.settings(effort, frames)), method.encoding(effort)
+    settings, encoding = asdict(method.settings(effort, frames)), task.encoding(method, effort)
     return digest_of(
         code_of(method.kind),
         *((Path(pipeline.__file__), encoding) if encoding else ()),
@@ -241,7 +251,7 @@ def line_of(record):
 
 
 def _measured(task, method, effort, frames, scene, camera, hologram, truth):
-    settings, encoding = method.settings(effort, frames), method.encoding(effort)
+    settings, encoding = method.settings(effort, frames), task.encoding(method, effort)
     view, limit, clock = (scene, camera, hologram), task.limit, Stages(task.limit)
     try:
         warm = _rendered(method, *view, warmed(settings), encoding, Stages(limit))

@@ -88,8 +88,8 @@ they begin at random. A smooth start (`--randomness 0.3`) was tried for eight fr
 the start and steps of before 29 November: `focal-
 stack` gained 0.6 dB on tea and lost 0.7 on planes, and in the worst view it lost 2.5 and 3.3 dB; `rgbd-sgd` gained
 0.3 and lost 0.9 dB. `light-field` stays random: with other starts it loses light through parts of the pupil. `rgbd`
-is there as a complex field, as phases by `sgd`, and as double phase (*dpac*), whose best is with fewer than six
-frames: it does not hold the random phases of more.
+is there as a complex field, as phases by `sgd` and by `joint`, which begins nearly constant with few frames, and as
+double phase (*dpac*), whose best is with fewer than six frames: it does not hold the random phases of more.
 """
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
@@ -108,6 +108,9 @@ MORE_SHOWN = {name: () for name, words in MORE.items() if "encode" in words} | {
 ENCODED = "balanced, encoded"  # phases of `auto` by the default encoding, in its own time
 # Light of other methods as phases: `sgd` takes a second or so, and of few frames shows as much as other encodings.
 SHOWN = "phases"
+JOINT = {
+    "joint phases": QUALITIES["balanced"] | {"encode": {"method": "joint"}}
+}  # few frames begin nearly constant
 DOUBLE_PHASE = {"dpac": QUALITIES["balanced"] | {"encode": {"method": "dpac"}}}
 SHOWN_BUDGETS = (10, 100)  # seconds of phases of any number of frames
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
@@ -136,12 +139,12 @@ def methods(hologram):
         if name
         not in ("network", "rgbd", *SUPERVISED)  # the first takes a user's own weights, and there are none
     ]
-    layers = _with_phases(QUALITIES, "balanced") | DOUBLE_PHASE
+    layers = _with_phases(QUALITIES, "balanced") | JOINT | DOUBLE_PHASE
     direct, usual_direct = _rays((64, 512, 2048), 512, **PAPER)
     paper, usual_paper = _rays((64, 256, 1024), 1024, method="full", wrp=hologram.depth_far, **PAPER)
     opl = {"balanced": {"method": "auto", "virtual_image": "opl"}}
     every = [
-        Method("rgbd", "baseline", layers, shown={SHOWN: OTHERS, "dpac": OTHERS}),
+        Method("rgbd", "baseline", layers, shown={SHOWN: OTHERS, "joint phases": (1, 3), "dpac": OTHERS}),
         *supervised,
         *others,
         *(

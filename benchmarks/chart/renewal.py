@@ -2,7 +2,7 @@
 
 A chart takes hours, and machines differ by a factor of three. So a published scene can be renewed in part: this machine
 measures again what that of the scene has measured, records of code that hardly changes, and its seconds are divided by
-how much slower it is. What a limit of seconds decides stays as it is, for it would be other work on another machine.
+how much slower it is. An effort that is limited in seconds has as many times more of them here, for the same work.
 """
 
 import statistics
@@ -18,7 +18,7 @@ INTERRUPTED = "interrupted"  # reason of what was not measured because somebody 
 TIMED = {"rgbd": ("balanced", SHOWN), "rgbd-sgd": ("preview",)}
 
 
-def tasks_of(chart, scene, names, frames):
+def tasks_of(chart, scene, names, frames, efforts=()):
     """Tasks of a scene that tell how fast this machine is, and those of records of some numbers of frames.
 
     Parameters
@@ -28,6 +28,8 @@ def tasks_of(chart, scene, names, frames):
     names : sequence of str
         Of methods.
     frames : sequence of int
+    efforts : sequence of str
+        Names of the efforts that are renewed; none for all.
 
     Returns
     -------
@@ -40,14 +42,14 @@ def tasks_of(chart, scene, names, frames):
         records = [
             (effort, m)
             for effort, m in chart.records(scene, known[name])
-            if m in frames and "seconds" not in (known[name].encoding(effort) or ())
+            if m in frames and (not efforts or effort in efforts)
         ]
         if records:
             renewed.append(chart.task(scene, name, records))
     return timed, renewed
 
 
-def renew(chart, scenes, names, frames, do, made):
+def renew(chart, scenes, names, frames, efforts, do, made):
     """Measure records of some numbers of frames anew, and publish them among those of their scenes.
 
     Parameters
@@ -56,6 +58,8 @@ def renew(chart, scenes, names, frames, do, made):
     scenes, names : sequence of str
         Of scenes and methods.
     frames : sequence of int
+    efforts : sequence of str
+        See `tasks_of`.
     do : callable
         ``do(chart, tasks)`` measures tasks that are not done, and returns their records.
     made : callable
@@ -77,12 +81,12 @@ def renew(chart, scenes, names, frames, do, made):
             raise engine.InvalidInput(
                 f"The scene {scene} is not published in {archive.FOLDER}: measure all of it, without --frames."
             )
-    if not any(tasks_of(chart, scene, names, frames)[1] for scene in scenes):
+    if not any(tasks_of(chart, scene, names, frames, efforts)[1] for scene in scenes):
         raise engine.InvalidInput(
-            "No record has such a scene, method and number of frames: choose others for --frames."
+            "No record has such a scene, method, effort and number of frames: choose others for --frames or --efforts."
         )
     for scene in scenes:
-        timed, renewed = tasks_of(chart, scene, names, frames)
+        timed, renewed = tasks_of(chart, scene, names, frames, efforts)
         for task in timed:
             for record in task.records:
                 measure.record_path(task, *record).unlink(missing_ok=True)
@@ -91,8 +95,7 @@ def renew(chart, scenes, names, frames, do, made):
         if _is_interrupted(now):
             break
         slower = slower_than(published[scene]["records"], now)
-        limit = chart.limit * slower
-        records = do(chart, [replace(task, limit=limit) for task in renewed])
+        records = do(chart, [replace(task, limit=task.limit * slower, slower=slower) for task in renewed])
         faults += [measure.line_of(record) for record in records if measure.is_fault(record)]
         archive.save({scene: merged(published[scene], records, asdict(made()), slower)}, archive.FOLDER)
         if _is_interrupted(records):

@@ -26,7 +26,7 @@ MANY_FRAMES = ("planes", "portrait")  # in which phases of 24 frames are measure
 FULL_EFFORTS = {
     **dict.fromkeys(("point", "gaussian"), ("draft", "balanced")),
     "polygon": ("draft", "balanced", SHOWN),
-    "rgbd": ("draft", "balanced", SHOWN, "dpac"),
+    "rgbd": ("draft", "balanced", SHOWN, "joint phases", "dpac"),
     "rgbd-sgd": ("preview", "balanced"),
     "focal-stack": ("draft", "preview", "balanced", "balanced, 128 paths"),
     "light-field": ("preview", "balanced"),
@@ -186,8 +186,8 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--frames M ...] [--pixels N] [--anew] [--docs] [--page]
-        [--since FILE] [--out FOLDER]``; see `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--frames M ... [--efforts NAME ...]] [--pixels N] [--anew] [--docs]
+        [--page] [--since FILE] [--out FOLDER]``; see `parser`.
 
     Returns
     -------
@@ -224,6 +224,8 @@ def run(*arguments):
     def made_now():
         return report.Made.now(command, time.perf_counter() - start, measure.ROOT)
 
+    if options.efforts and not options.frames:
+        raise engine.InvalidInput("--efforts chooses of what --frames renews: give it with --frames.")
     if options.frames:
         if not options.docs:
             raise engine.InvalidInput("--frames renews what is published: give it with --docs.")
@@ -233,7 +235,7 @@ def run(*arguments):
         def do(chart, tasks):
             return measured_tasks(chart, tasks)[0]
 
-        faults = renewal.renew(chart, scenes, names, options.frames, do, made_now)
+        faults = renewal.renew(chart, scenes, names, options.frames, options.efforts, do, made_now)
         tables, others = report.write(chart, [], made_now(), True, options.since)
         if faults or others:
             raise Incomplete(tables, [*faults, *others])
@@ -282,6 +284,9 @@ def parser():
         metavar="M",
         help="with --docs: measure only records of so many frames anew, of scenes that are published, in the seconds "
         "of their machine",
+    )
+    parser.add_argument(
+        "--efforts", nargs="+", default=(), metavar="NAME", help="with --frames: only these; default: all"
     )
     parser.add_argument("--pixels", type=int, default=PIXELS, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")

@@ -1,6 +1,5 @@
 """Command `holopath encode`: phases for an SLM from stored wave fields of a still or an animation."""
 
-import hashlib
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -311,7 +310,7 @@ def _unit(args, work, folder, previous):
         stages = Stages(progress, "encode")
         phase = _phases(args, folder, start, stages["phases"])
         if args.start == BEFORE:
-            entries["sha256"] = hashlib.sha256(np.ascontiguousarray(phase.data).data).hexdigest()
+            entries["sha256"] = phase.digest
         replace(phase, report={**phase.report, **entries}).save(target, stages["files"])
         work.made.append(folder.name)
 

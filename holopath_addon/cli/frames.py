@@ -76,7 +76,7 @@ class AnimationFrames:
             Unit(
                 folder.name,
                 partial(self._make, number),
-                partial(self._is_complete, folder),
+                partial(self._is_complete, number),
                 (*needs, *(self._folders[n].name for n in [self._previous.get(number)] if n is not None)),
             )
             for number, folder in self._folders.items()
@@ -85,8 +85,9 @@ class AnimationFrames:
             units.insert(0, Unit(LIGHT, self._make_light, self._is_lit, prepares=True))
         return {unit.name: unit for unit in units}
 
-    def _is_complete(self, folder):
-        return stills.is_complete(folder, self._job, self._encode)
+    def _is_complete(self, number):
+        previous = self._folders.get(self._previous.get(number))
+        return stills.is_complete(self._folders[number], self._job, self._encode, previous)
 
     def _make(self, number, progress):
         folder = self._folders[number]
@@ -100,7 +101,7 @@ class AnimationFrames:
             self._source.go_to(number)
             request = self._with_common_light(self._request(), frame_progress)
             if number in self._previous:
-                previous = self._folders[self._previous[number]] / "hologram"
+                previous = engine.PhaseHologram.load(self._folders[self._previous[number]] / "hologram")
                 request = replace(request, encoding=replace(request.encoding, previous=previous))
             seconds = time.perf_counter() - start
             result, report = stills.update(
@@ -136,7 +137,7 @@ class AnimationFrames:
     def _is_lit(self):
         """Whether the light is there, or no frame needs it any more."""
         assert self._light is not None
-        return self._light.done() or all(map(self._is_complete, self._folders.values()))
+        return self._light.done() or all(map(self._is_complete, self._folders))
 
 
 @contextmanager

@@ -44,6 +44,8 @@ class Background:
     ----------
     file : str
         Name of its .blend.
+    scene : str
+        Name of its scene.
     count : int
         Number of its frames.
     done : float
@@ -61,6 +63,7 @@ class Background:
     """
 
     file: str = ""
+    scene: str = ""
     count: int = 0
     done: float = 0.0
     message: str = ""
@@ -243,7 +246,7 @@ def start(scene, view_layer):
     global current
     changed = bpy.data.is_dirty
     name = Path(bpy.data.filepath).name or UNTITLED
-    current = Background(name, len(frames_of(scene)), message="Starting Blender")
+    current = Background(name, scene.name, len(frames_of(scene)), message="Starting Blender")
     try:
         folder = folder_of(scene)
         check_free(folder, name, scene.name)

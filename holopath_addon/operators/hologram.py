@@ -61,11 +61,12 @@ class HOLOPATH_OT_encode(ModalOperator, bpy.types.Operator):
                     "encoding."
                 )
             try:
-                return field, pipeline.encode(engine.at_panel(field, optics), encoding, progress, *scene)
+                phase = pipeline.encode(engine.at_panel(field, optics), encoding, progress, *scene)
+                return field, phase, encoding
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise
-                return field, error.kept
+                return field, error.kept, encoding
 
         return encode
 
@@ -73,10 +74,10 @@ class HOLOPATH_OT_encode(ModalOperator, bpy.types.Operator):
         return "Canceled" if session.current.phase is None else "Canceled, the last hologram stays"
 
     def finish(self, context: bpy.types.Context, result):
-        field, phase = result
+        field, phase, encoding = result
         if field is not session.current.field:
             raise engine.InvalidInput("Another hologram has been rendered meanwhile: press Encode again.")
-        session.keep_phase(phase)
+        session.keep_phase(phase, encoding)
         props = self.scene_settings()
         self.present(context, session.show_phase(props.phase_frame if props else 0))
         if props and props.refocused == "PHASE":

@@ -1,5 +1,7 @@
 """Presets of the user's own displays."""
 
+from pathlib import Path
+
 import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
@@ -33,6 +35,17 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
             *(f"optics.{name}" for name in HoloPathOptics.__annotations__),
         )
     ]
+
+    def post_cb(self, context: bpy.types.Context, filepath: str = ""):
+        """Give measured files their whole paths in the new preset, for it serves other .blend files, too."""
+        path = bpy.utils.preset_find(self.as_filename(self.name), self.preset_subdir)
+        if path is None or self.remove_name or self.remove_active:
+            return
+        text, optics = Path(path).read_text("utf-8"), context.scene.holopath.optics
+        for file in (optics.beam_file, optics.beam_phase, optics.stop_file):
+            if file.startswith("//"):
+                text = text.replace(f"= {file!r}\n", f"= {bpy.path.abspath(file)!r}\n")
+        Path(path).write_text(text, "utf-8")
 
 
 class HOLOPATH_PT_display_presets(PresetPanel, bpy.types.Panel):

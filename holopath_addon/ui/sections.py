@@ -272,6 +272,8 @@ def _animation_state(layout, context, work):
         wrapped(column, context, f"{count(frames, 'Frame')}, in the Background")
     if work.file and work.file != bpy.path.basename(bpy.data.filepath or "untitled.blend"):
         wrapped(column, context, f"Of {work.file}")
+    elif work.scene and context.scene is not None and work.scene != context.scene.name:
+        wrapped(column, context, f"Of Scene '{work.scene}'")
     if preferences.cluster():
         wrapped(column, context, f"By {preferences.cluster()}", icon="NETWORK_DRIVE")
     for note in work.notes:
@@ -353,7 +355,10 @@ def hologram(layout: UILayout, context: Context) -> None:
     if len(phase.data) > 1:
         layout.prop(props, "phase_frame", text=f"Frame (0–{len(phase.data) - 1})")
     layout.prop(props, "refocused")
-    if props.refocused == "PHASE":
+    encoding = session.current.phase_encoding
+    if props.refocused == "PHASE" and encoding is not None and encoding.display is not None:
+        wrapped(layout, context, "Shown by the Fitted Display", icon="INFO")
+    elif props.refocused == "PHASE":
         column = layout.column(align=True)
         column.prop(props, "pixel_shape")
         if props.pixel_shape:

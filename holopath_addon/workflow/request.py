@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     import mitsuba as mi
 
+    from ..engine.encoding.phase_hologram import PhaseHologram
     from ..engine.waves.display_model import DisplayModel
     from ..engine.waves.modulator import Levels
 
@@ -40,8 +41,8 @@ class Encoding:
         Levels of the SLM at each wavelength.
     display : sequence of engine.DisplayModel, or None
         Model of the display at each wavelength.
-    previous : Path or None
-        Folder of the previous frame's hologram, if the optimization starts from its phases.
+    previous : engine.PhaseHologram or None
+        The previous frame's phases, if the optimization starts from them.
     """
 
     method: str = "none"
@@ -50,7 +51,7 @@ class Encoding:
     bits: int | None = None
     levels: Sequence[Levels] | None = None
     display: Sequence[DisplayModel] | None = None
-    previous: Path | None = None
+    previous: PhaseHologram | None = None
 
     @property
     def is_requested(self) -> bool:
@@ -203,7 +204,7 @@ class Request:
             "quilt": outputs.quilt and list(outputs.quilt),
             "encode_seconds": encoding.seconds,
             "eyebox": encoding.eyebox,
-            "previous_phases": encoding.previous and encoding.previous.parent.name,
+            "previous_phases": encoding.previous and encoding.previous.report.get("sha256"),
             "contact_sheet": outputs.contact_sheet,
             "method": self.method,
             "network": network.digests() if self.settings.method == "network" else None,

@@ -136,12 +136,11 @@ def _encode(request, field, progress, stoppable):
     """The requested phases, and notes for the user."""
     try:
         encoding, options = request.encoding, {}
-        if encoding.previous is not None:
-            previous = engine.PhaseHologram.load(encoding.previous)
-            if previous.data.shape == field.data.shape:
-                options["start"] = previous
+        if encoding.previous is not None and encoding.previous.data.shape == field.data.shape:
+            options["start"] = encoding.previous
         scene, settings, store = request.scene, request.settings, request.store
         phase = pipeline.encode(field, encoding, progress, scene, settings, store, **options)
+        phase = replace(phase, report={**phase.report, "sha256": phase.digest})
         return phase, pipeline.encoding_notes(phase)
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
@@ -234,7 +233,7 @@ def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Res
         return done
 
 
-def is_complete(folder, job, encode):
+def is_complete(folder, job, encode, previous=None):
     """Whether a still's output folder has everything that a job requests.
 
     Parameters
@@ -244,13 +243,20 @@ def is_complete(folder, job, encode):
         See `Origin.job`.
     encode : str
         See `Encoding.method`.
+    previous : path, optional
+        Output folder of the previous frame, if the phases start from its phases; they are to be those of now.
 
     Returns
     -------
     bool
     """
-    if output.read_report(folder).get("job") != job or _mapped(folder) is None:
+    report = output.read_report(folder)
+    if report.get("job") != job or _mapped(folder) is None:
         return False
+    if previous is not None:
+        before = _phases(previous)
+        if before is None or report.get("previous_phases") != before.report.get("sha256"):
+            return False
     return encode == "none" or _phases(folder) is not None
 
 

@@ -328,14 +328,19 @@ def test_scenes_are_published_one_by_one(tiny, tmp_path, monkeypatch):
 
 
 def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_path, monkeypatch):
-    """This machine takes twice as long; what has a limit of seconds stays, as does what failed."""
+    """This machine takes twice as long, so that limits are twice as many of its seconds; what failed stays."""
     monkeypatch.setattr(archive, "FOLDER", tmp_path)
     chart, names = run.full(), ("rgbd", "rgbd-sgd", "auto")
     timed, renewed = renewal.tasks_of(chart, "tea", names, (1, 3))
     assert {(task.method, *record) for task in renewed for record in task.records} == {
-        *(("rgbd", effort, m) for effort in ("phases", "dpac") for m in (1, 3)),
+        *(("rgbd", effort, m) for effort in ("phases", "joint phases", "dpac") for m in (1, 3)),
         *(("rgbd-sgd", "preview", m) for m in (1, 3)),
-        *(("auto", "balanced, encoded", m) for m in (1, 3)),
+        *(("auto", effort, m) for effort in ("preview, encoded 5 s", "balanced, encoded") for m in (1, 3)),
+    }
+    efforts = ("phases", "preview, encoded 5 s")
+    _, chosen = renewal.tasks_of(chart, "tea", names, (3, 8), efforts)
+    assert {(task.method, *record) for task in chosen for record in task.records} == {
+        *((name, effort, m) for name, effort in zip(("rgbd", "auto"), efforts, strict=True) for m in (3, 8)),
     }
 
     def records(tasks, seconds, psnr):
@@ -345,29 +350,32 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
 
     made, later = (report.Made(name, "2026-01-01", "abc", "a command", 1.0) for name in ("fast", "slow"))
     archive.save(archive.parts_of(records([*timed, *renewed], 3.0, 20.0), made, {}), tmp_path)
-    limits, failed = [], {"method": "auto", "effort": "balanced, encoded", "frames": 1, "scene": "tea"}
+    limited, failed = [], {"method": "auto", "effort": "balanced, encoded", "frames": 1, "scene": "tea"}
 
     def do(chart, tasks):
-        limits.append(tasks[-1].limit)
+        limited.append(tasks[-1])
         done = records(tasks, 6.0, 21.0)
         return [r | {"failed": "no light"} if failed.items() <= r.items() else r for r in done]
 
     for _ in range(2):  # a second time replaces the first
-        faults = renewal.renew(chart, ["tea"], names, (1, 3), do, lambda: later)
+        faults = renewal.renew(chart, ["tea"], names, (1, 3), (), do, lambda: later)
         part = archive.load(["tea"], tmp_path)["tea"]
         by = {(r["method"], r["effort"], r["frames"]): (r["seconds"], r["psnr"]) for r in part["records"]}
         assert by["rgbd", "balanced", 8] == (3.0, 20.0)  # which only tells how fast the machine is
         assert by["auto", "balanced, encoded", 3] == (3.0, 21.0)
         assert by["auto", "balanced, encoded", 1] == (3.0, 20.0)
-        assert limits[-1] == 2 * chart.limit
+        auto = run.methods(chart.hologram)["auto"]
+        assert limited[-1].limit == 2 * chart.limit
+        assert limited[-1].encoding(auto, "preview, encoded 5 s")["seconds"] == 10
+        assert limited[-2].slower == 1
         [run_of] = part["renewals"]
         assert (part["made"]["machine"], run_of["machine"], run_of["slower"]) == ("fast", "slow", 2.0)
-        assert len(run_of["records"]) == 7 and failed["effort"] in faults[0] and "no light" in faults[0]
+        assert len(run_of["records"]) == 11 and failed["effort"] in faults[0] and "no light" in faults[0]
     table = report._made_table({"tea": part["made"]}, {"tea": part["renewals"]})
-    assert "tea (rgbd, rgbd-sgd, auto: 7 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
+    assert "tea (rgbd, rgbd-sgd, auto: 11 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
     over = records(renewed[:1], 1.0, 1.0)[0] | {"failed": "over 200 s"}
     part = renewal.merged(part, [over], {"machine": "third"}, 2.0)
-    assert [len(run_of["records"]) for run_of in part["renewals"]] == [6, 1]
+    assert [len(run_of["records"]) for run_of in part["renewals"]] == [10, 1]
     assert part["records"][-1]["failed"] == "over 100 s"
     stopped = []
 
@@ -375,14 +383,16 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
         stopped.append(tasks)
         return [record | {"failed": renewal.INTERRUPTED} for record in records(tasks, 1.0, 1.0)]
 
-    renewal.renew(chart, ["tea", "tea"], names, (1, 3), stop, lambda: later)
+    renewal.renew(chart, ["tea", "tea"], names, (1, 3), (), stop, lambda: later)
     assert len(stopped) == 1 and len(archive.load(["tea"], tmp_path)["tea"]["renewals"]) == 1
-    with pytest.raises(engine.InvalidInput, match="^No record has such a scene, method and number of frames"):
-        renewal.renew(chart, ["tea"], names, (5,), do, lambda: later)
+    with pytest.raises(
+        engine.InvalidInput, match="^No record has such a scene, method, effort and number of frames"
+    ):
+        renewal.renew(chart, ["tea"], names, (5,), (), do, lambda: later)
     with pytest.raises(
         engine.InvalidInput, match="^The scene room is not published in .*, without --frames.$"
     ):
-        renewal.renew(chart, ["room"], names, (1, 3), do, lambda: later)
+        renewal.renew(chart, ["room"], names, (1, 3), (), do, lambda: later)
 
 
 def test_the_quick_chart_is_not_published():

@@ -1,11 +1,13 @@
 """Animations on the command line: every frame is a complete output folder, and nothing is made twice."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
+from holopath_addon.workflow import output
 
 bpy = pytest.importorskip("bpy")
 
@@ -110,7 +112,9 @@ def test_phases_begin_with_the_previous_frame(moving, tmp_path, monkeypatch):
 
     monkeypatch.setattr(engine, "encode", encode_briefly)
     monkeypatch.setattr(engine, "extra_frame_count", lambda *_: 0)
-    assert animate(moving(), tmp_path / "out", "--encode", "joint", "--encode-start", "before") == 0
+    words = tmp_path / "out", "--encode", "joint", "--encode-start", "before"
+    blend = moving()
+    assert animate(blend, *words) == 0
     assert starts[0] is None
     for before, name in zip(starts[1:], FRAMES, strict=False):
         phases = engine.PhaseHologram.load(tmp_path / "out" / name / "hologram").data
@@ -120,6 +124,27 @@ def test_phases_begin_with_the_previous_frame(moving, tmp_path, monkeypatch):
         for name in FRAMES[1:]
     ]
     assert loss[1] <= loss[0]
+
+    def pretend_first_was_found_anew():
+        """Other phases of the same scene, as with a limit of seconds."""
+        folder = tmp_path / "out" / FRAMES[0]
+        phase = engine.PhaseHologram.load(folder / "hologram")
+        phase = replace(phase, data=np.array(phase.data) / 2)
+        phase = replace(phase, report={**phase.report, "sha256": phase.digest})
+        phase.save(folder / "hologram")
+        report = output.read_report(folder)
+        report["encoding"] = {"method": phase.method, **phase.report}
+        output.replace_report(folder, report)
+        return phase.data
+
+    del starts[:]
+    first = pretend_first_was_found_anew()
+    assert animate(blend, *words) == 0
+    assert len(starts) == 2  # the second's, and then the third's, which began with those of the second
+    np.testing.assert_array_equal(starts[0].data, first)
+    del starts[:]
+    assert animate(blend, *words) == 0
+    assert not starts
 
 
 def test_starts_without_a_previous_frame(moving, tmp_path, capfd):

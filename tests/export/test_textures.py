@@ -339,3 +339,12 @@ def test_more_light_than_there_is(stage):
     stage.plane(2.85, stage.material("ShaderNodeBsdfDiffuse", Color=(2.0, 0.5, 0.5, 1)))
     stage.lamp("POINT", location=(0, 0, 1))
     assert features(stage.export()) == {"Color above 1"}
+
+
+@pytest.mark.parametrize("bright", [0.9, 2.0])
+def test_an_image_of_more_light_than_there_is(stage, bright):
+    material = stage.material("ShaderNodeBsdfDiffuse")
+    stage.texture(material, stage.image(np.full((4, 4, 3), bright), **LINEAR), "Color")
+    stage.plane(2.85, material)
+    stage.lamp("POINT", location=(0, 0, 1))
+    assert features(stage.export()) == ({"Color above 1"} if bright > 1 else set())

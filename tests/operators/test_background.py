@@ -65,6 +65,10 @@ def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
     made = fields(out)
     assert sorted(path.name for path in out.iterdir()) == ["frame_0001", "frame_0002", "job.json", "light"]
     assert bpy.data.filepath == "" and "2 Frames Done" in panel(moving).words
+    background.current.scene = "Before"
+    assert "Of Scene 'Before'" in panel(moving).words
+    background.current.scene = moving.name
+    assert "Of Scene" not in panel(moving).words
     assert bpy.ops.holopath.render_animation() == {"FINISHED"}
     assert fields(out) == made and background.current.finished == 2
 
@@ -103,7 +107,7 @@ def test_words_of_a_measured_bench(moving, tmp_path):
 def playing(lines, then="sys.stdin.read()"):
     """A process that says so much and then waits for the end of its input, or does otherwise."""
     code = f"import json, os, sys\nfor line in {lines!r}: print(line, file=sys.stderr, flush=True)\n{then}"
-    work = background.current = background.Background("scene.blend", 250)
+    work = background.current = background.Background("scene.blend", "Scene", 250)
     ended = []
     work.start([sys.executable, "-c", code], dict(os.environ), ".", lambda: ended.append(True))
     return work, ended

@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine, slm
+from holopath_addon.blender import properties
 from holopath_addon.operators import session
+from holopath_addon.operators.session import refocusing
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 from tests.patience import SOON
 
 
@@ -41,10 +44,27 @@ def test_encode_for_the_device_that_is_calibrated(scene, tmp_path):
     scene.holopath.encoding = "sgd"
     scene.holopath.device.calibration = str(tmp_path / "device.json")
     assert bpy.ops.holopath.encode() == {"FINISHED"}
-    assert set(np.round(np.unique(session.current.phase.data), 4)) <= {0.0, 2.0, 2.5, 5.0}
+    phases = {0.0, 2.0, 2.5, 5.0}
+    assert set(np.round(np.unique(session.current.phase.data), 4)) <= phases
+    scene.holopath.bits = 1  # of displays that nobody measured
+    modulator, optics = properties.modulator_of(scene.holopath), session.current.field.hologram.optics
+    light = refocusing.refocuser_for(session.stored_refocuser(), modulator, optics).field.data
+    assert set(np.round(np.unique(np.angle(light) % (2 * np.pi)), 4)) <= phases
     scene.holopath.device.calibration = str(tmp_path / "none.json")
     with pytest.raises(RuntimeError, match="none.json"):
         bpy.ops.holopath.encode()
+
+
+def test_a_hologram_is_shown_by_the_display_that_it_was_encoded_for(scene):
+    bpy.ops.holopath.render_hologram()
+    scene.holopath.encoding = "dpac"
+    bpy.ops.holopath.encode()
+    phase, optics = session.current.phase, session.current.field.hologram.optics
+    models = [engine.DisplayModel(wavelength, falloff=0.5) for wavelength in phase.hologram.wavelengths]
+    session.keep_phase(phase, Encoding("dpac", display=models))
+    modulator = properties.modulator_of(scene.holopath)
+    light = refocusing.refocuser_for(session.stored_refocuser(), modulator, optics).field
+    np.testing.assert_array_equal(light.data, phase.field(display=models).data)
 
 
 def test_encode_with_more_frames(scene):

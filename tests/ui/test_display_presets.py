@@ -39,6 +39,20 @@ def test_kept_and_taken(scene):
     assert bpy.utils.preset_find("My_SLM", "holopath/display") is None
 
 
+def test_measured_files_are_found_from_other_folders(scene, tmp_path):
+    (tmp_path / "here").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here" / "scene.blend"))
+    optics = scene.holopath.optics
+    optics.beam_file, optics.stop_file = "//beam.exr", str(tmp_path / "stop.png")
+    assert bpy.ops.holopath.display_preset_add(name="Measured") == {"FINISHED"}
+    path = bpy.utils.preset_find("Measured", "holopath/display")
+    optics.beam_file = optics.stop_file = ""
+    bpy.ops.script.execute_preset(filepath=path, menu_idname="HOLOPATH_PT_display_presets")
+    assert optics.beam_file == str(tmp_path / "here" / "beam.exr") and optics.beam_phase == ""
+    assert optics.stop_file == str(tmp_path / "stop.png")
+    assert bpy.ops.holopath.display_preset_add(remove_name=True, name="Measured") == {"FINISHED"}
+
+
 @pytest.mark.parametrize("place", ["view3d", "render"])
 def test_in_the_panels_header(addon, place):
     panel = getattr(bpy.types, f"HOLOPATH_PT_{place}_display")

@@ -8,6 +8,7 @@ import pytest
 
 from holopath_addon.operators import session
 from holopath_addon.ui import sections
+from holopath_addon.workflow.request import Encoding
 from tests.ui.layout import Context, Layout
 
 
@@ -131,3 +132,14 @@ def test_what_encoding_will_do(scene, settings, says, names):
     assert ("limit_encoding" in there) is names
     assert ("encode_seconds" in there) is (names and scene.holopath.limit_encoding)
     assert ("gain" in words) is ("would gain" in " ".join(says) or scene.holopath.encode_seconds == 3.0)
+
+
+def test_the_limits_of_a_fitted_display_are_not_offered(scene):
+    """They have no effect: its own levels, pixels and crosstalk show the phases."""
+    session.current.phase = make_dataclass("Phases", ["data"])([0])
+    scene.holopath.refocused = "PHASE"
+    for encoding, is_fitted in (None, False), (Encoding(), False), (Encoding(display=["a display"]), True):
+        session.current.phase_encoding = encoding
+        there, words = drawn(sections.hologram, scene)
+        assert ("crosstalk" not in there) is is_fitted
+        assert ("Shown by the Fitted Display" in words) is is_fitted

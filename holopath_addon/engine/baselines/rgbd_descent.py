@@ -37,6 +37,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         )
         light, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
         images.radiance = arrays.like(light, on)
+        images.layers = arrays.like(own, on)
         for layer in range(len(depths)):
             images.targets[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
         return images
@@ -45,11 +46,9 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
 
 class _OnLayers(TargetImages):
-    """Target images of which only the parts in focus count."""
+    """Target images of which only the parts in focus count, the black ones, too."""
 
-    radiance = None
+    radiance = layers = None  # of each pixel
 
     def weight(self, number):
-        return arrays.namespace(self.targets).where(
-            self.targets[number, ...] > 0, relative(self.radiance), 0.0
-        )
+        return arrays.namespace(self.targets).where(self.layers == number, relative(self.radiance), 0.0)

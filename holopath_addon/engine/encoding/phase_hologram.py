@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -127,6 +128,11 @@ class PhaseHologram:
             for frame in range(self.data.shape[0]):
                 phases[frame, color, ...] = wrapped(each.nearest(self.data[frame, color, ...])[0])
         return phases
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the phases, hexadecimal."""
+        return hashlib.sha256(np.ascontiguousarray(arrays.on_processor(self.data)).data).hexdigest()
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, an image of 8 bits for each frame and wavelength, and ``meta.json``.

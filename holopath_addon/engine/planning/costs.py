@@ -23,7 +23,7 @@ from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
 from ..waves.phase_fields import MAX_FRAMES, SETS
 from ..waves.propagation import OPTIMIZATION_GUARD, grid_bytes, padded_shape, stack_bytes
-from ..waves.target_images import MAX_TRANSFER_BYTES
+from ..waves.target_images import MAX_TRANSFER_BYTES, spread_viewpoints
 from .noise import estimated_rays
 from .planes import columns_of, mean_rays
 from .probe import MIN_VIEW_FRACTION
@@ -396,8 +396,20 @@ class CostModel:
         fields = pixels * frames * (colors * (1 + images) + 1) * 8
         if settings.despeckle:
             # a batch and its spectra, or of one color the fields, Adam's moments, spectra, waves and slopes
-            fields += pixels * 8 * max(SETS[-1] * (colors + 1), 7 * frames) + pixels * colors * 40 * 4
+            fields += (
+                pixels * 8 * max(SETS[-1] * (colors + 1), 7 * frames) + self._despeckling_targets_bytes()
+            )
         return fields
+
+    def _despeckling_targets_bytes(self):
+        """Bytes of the target images of despeckling and of their transfer functions, of all wavelengths."""
+        survey, hologram, needed = self.survey, self.survey.hologram, 0
+        size, volume = (hologram.height, hologram.width), survey.z_high - survey.z_low
+        for wavelength in hologram.wavelengths:
+            images = len(spread_viewpoints(hologram.pitch, wavelength, 0.0, volume, seed=0))
+            grid = math.prod(padded_shape(size, hologram.pitch, wavelength, volume))
+            needed += images * 4 * math.prod(size) + min(MAX_TRANSFER_BYTES, 8 * grid * images)
+        return needed
 
     def _moving_bytes(self, frames):
         """Bytes of the propagation of some frames to other planes and to the SLM."""

@@ -630,7 +630,7 @@ class _ShaderReader:
     def _build(self, value, gray=False, limit=None):
         if isinstance(value, ImageValue):
             self.uv_names.append(value.uv_name)
-        elif limit is not None and not gray and np.max(value) > 1.001 * limit:
+        if limit is not None and not gray and self._textures.is_above(value, limit):
             self._note(
                 "Color above 1", "shown as 1: no surface reflects or transmits more light than it gets"
             )

@@ -656,6 +656,16 @@ class Textures:
         """Whether an `ImageValue` has colors below zero."""
         return value.image.is_float and self.stored(value.image).pixels[..., :3].min() < 0
 
+    def is_above(self, value, limit):
+        """Whether a color, or a hundredth of the sum of an image's, lies above a limit."""
+        if not isinstance(value, ImageValue):
+            return np.max(value) > 1.001 * limit
+        scale, offset = np.array(value.scale), np.array(value.offset)
+        if not value.image.is_float and np.maximum(offset, scale + offset).max() <= 1.001 * limit:
+            return False  # bytes are from 0 to 1
+        color = self._scale(self._linear_color(value), value)
+        return np.maximum(color - limit, 0).sum(dtype=float) > 0.01 * np.abs(color).sum(dtype=float)
+
     def mean_color(self, value):
         """Mean linear color of a value, shape (3,)."""
         if not isinstance(value, ImageValue):

@@ -68,7 +68,8 @@ def refocuser_for(refocuser, modulator, optics):
     engine.InvalidInput
         If the phases were encoded for another lens.
     """
-    phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
+    # another thread may render or encode meanwhile
+    phase, encoding, kept = current.phase, current.phase_encoding, current.phase_light
     if modulator is None or phase is None:
         return refocuser if optics == refocuser.field.hologram.optics else refocuser.on(optics)
     if optics.lens != phase.hologram.optics.lens:
@@ -76,9 +77,19 @@ def refocuser_for(refocuser, modulator, optics):
             "The hologram was encoded for another lens: render and encode it for this one, or set that one again."
         )
     if kept is None or kept[0] is not phase or kept[1:3] != (modulator, optics):
-        light = replace(phase, hologram=replace(phase.hologram, optics=optics)).field(modulator)
+        on_bench = replace(phase, hologram=replace(phase.hologram, optics=optics))
+        light = _shown(on_bench, modulator, encoding)
         kept = current.phase_light = phase, modulator, optics, engine.Refocuser(light)
     return kept[3]
+
+
+def _shown(phase, modulator, encoding):
+    """Field of phases on the display that they were encoded for, which `modulator` limits unless it was measured."""
+    if encoding is None or (encoding.display is None and encoding.levels is None):
+        return phase.field(modulator)
+    if encoding.display is not None:  # it has its own levels, pixels and crosstalk
+        return phase.field(display=encoding.display)
+    return phase.field(replace(modulator, bits=None), levels=encoding.levels)
 
 
 def refocus_by_settings(props):

@@ -33,9 +33,17 @@ def keep(task, result, draft=False):
         current.bake, current.texture, current.bake_scene = field.report["bake"], None, current.field_scene
 
 
-def keep_phase(phase):
-    """Keep the `engine.PhaseHologram` of the last field; None: it is not encoded yet."""
-    current.phase, current.phase_light = phase, None
+def keep_phase(phase, encoding=None):
+    """Keep the phases of the last field.
+
+    Parameters
+    ----------
+    phase : engine.PhaseHologram or None
+        None: it is not encoded yet.
+    encoding : workflow.request.Encoding, optional
+        What they were encoded for; by its display, or its levels, they are shown.
+    """
+    current.phase, current.phase_encoding, current.phase_light = phase, encoding, None
 
 
 def keep_plan(task, plan):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ... import engine
 from ...workflow import failures
+from ...workflow.request import Encoding
 from ..jobs import Job
 from .tasks import Task
 
@@ -42,6 +43,8 @@ class Session:
         Inverse distances, 1/m, of the nearest and the farthest thing in that field's view.
     phase : engine.PhaseHologram or None
         Phases encoded of that field.
+    phase_encoding : workflow.request.Encoding or None
+        What they were encoded for, such as the display's measured levels; None: unknown.
     shown_frame : int
         Frame of those phases whose image was shown last.
     phase_light : tuple of engine.PhaseHologram, engine.Modulator, engine.Optics and engine.Refocuser, or None
@@ -81,6 +84,7 @@ class Session:
     autofocus_distance: float | None = None
     diopter_range: tuple = (0.0, 0.0)
     phase: engine.PhaseHologram | None = None
+    phase_encoding: Encoding | None = None
     shown_frame: int = 0
     phase_light: tuple | None = None
     plan: engine.Plan | None = None
