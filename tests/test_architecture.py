@@ -1,6 +1,7 @@
 """The house that ARCHITECTURE.md describes: rooms that know lower ones only, and none too full."""
 
 import ast
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -37,6 +38,16 @@ def test_a_class_name_means_one_thing():
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_pictures_are_opened_by_python():
+    """Mitsuba takes a path's letters for those of the code page on Windows: see `variants.read_bitmap`."""
+    found = [
+        str(path)
+        for path in sorted((ROOT / "holopath_addon").rglob("*.py"))
+        if re.search(r"Bitmap\(str\(|\)\.write\(str\(", path.read_text("utf-8"))
+    ]
+    assert found == []
 
 
 def test_what_it_would_find(tmp_path):

@@ -47,17 +47,18 @@ INTRODUCTION = (
     """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on two
-cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME
-...] [--frames M ... [--efforts NAME ...]] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named.
-Records are kept in build/chart as long as the code that they depend on stays as it is, so that a chart that was stopped
-goes on where it was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the machine, day and commit of its
-records, and this page is written from all that is published; `python -m benchmarks chart --page [--since FILE]` writes
-it and measures nothing. So scenes may come from several machines, but what is compared at equal seconds does not,
-unless the table below says so. `--docs --frames M ...` renews records of so many frames on any machine. That machine
-times some of the scene's other records as well: seconds are divided by how much slower it is, and limits of seconds
-multiplied by it. A part that fails is named at the end of the page, with its reason, and measured again the next time.
-With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
+scene to a field or phases for the same display. `make chart` measures all of it, which takes three to five hours on
+two cores, `make chart-quick` a part in about ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods
+NAME ...] [--frames M ... [--efforts NAME ...]] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is
+named. Records are kept in build/chart as long as the code that they depend on stays as it is, so that a chart that
+was stopped goes on where it was. With `--docs` each scene that is whole is published in docs/chart as JSON, with the
+machine, day and commit of its records, and this page is written from all that is published; `python -m benchmarks
+chart --page [--since FILE]` writes it and measures nothing. So scenes may come from several machines, but what is
+compared at equal seconds does not, unless the table below says so. `--docs --frames M ...` renews records of so many
+frames on any machine. That machine times some of the scene's other records as well: seconds are divided by how much
+slower it is, and limits of seconds multiplied by it. A part that fails is named at the end of the page, with its
+reason, and measured again the next time. With `--since` the page lists what is lower than on an earlier page, or in
+its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest

@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import io
 import json
 import signal
 import sys
@@ -49,6 +50,8 @@ def main(argv=None, store=None):
         Exit status: 0 done, 1 the work failed, 2 bad input.
     """
     if argv is None:
+        if isinstance(sys.stdout, io.TextIOWrapper):  # names may have letters that its encoding lacks
+            sys.stdout.reconfigure(errors="backslashreplace")
         argv = sys.argv[1:]
         if "--" in argv:
             argv = argv[argv.index("--") + 1 :]

@@ -12,6 +12,7 @@ from ..farm.cluster import FORMS, Cluster
 from ..farm.executor import ClusterExecutor
 from ..farm.work import work_off
 from ..workflow import failures
+from .console import takes_escapes
 from .options import argument
 
 LINE_INTERVAL = 10.0  # seconds between two lines of progress in a file
@@ -118,7 +119,7 @@ class _Watch:
     """A table below the line of progress, redrawn in place in a terminal, and printed now and then elsewhere."""
 
     def __init__(self, progress, quiet):
-        self._progress, self._quiet, self._terminal = progress, quiet, sys.stderr.isatty()
+        self._progress, self._quiet, self._terminal = progress, quiet, takes_escapes(sys.stderr)
         self._lock = threading.Lock()  # a thread of Dask's makes remarks
         self._table_time, self._line_time = time.monotonic(), -LINE_INTERVAL
 

@@ -1,10 +1,12 @@
 """Progress and remarks on standard error; saved files on standard output, where render farms read them."""
 
+import os
 import sys
 import threading
 import time
 from contextlib import contextmanager
 
+ENABLE_VIRTUAL_TERMINAL_PROCESSING = 4  # Windows' name
 MAX_SILENCE = 60.0  # seconds; batch systems stop work that prints nothing for some minutes
 
 _open_line = False
@@ -18,6 +20,19 @@ def close_line():
     if _open_line:
         print(file=sys.stderr)
         _open_line = False
+
+
+def takes_escapes(stream):
+    """Whether a text stream is a terminal that understands escape sequences, as a window of Windows does when told."""
+    if not stream.isatty() or os.name != "nt":
+        return stream.isatty()
+    import ctypes
+    import msvcrt
+
+    kernel, mode = ctypes.windll.kernel32, ctypes.c_ulong()  # pyrefly: ignore[missing-attribute]  # of Windows
+    handle = ctypes.c_void_p(msvcrt.get_osfhandle(stream.fileno()))  # pyrefly: ignore[missing-attribute]
+    is_console = kernel.GetConsoleMode(handle, ctypes.byref(mode))
+    return bool(is_console and kernel.SetConsoleMode(handle, mode.value | ENABLE_VIRTUAL_TERMINAL_PROCESSING))
 
 
 @contextmanager
@@ -62,7 +77,7 @@ class Progress:
 
     def __init__(self, quiet=False):
         self._quiet = quiet
-        self._terminal = sys.stderr.isatty()
+        self._terminal = takes_escapes(sys.stderr)
         self._last_time, self._last_done, self._last_message = time.monotonic(), -1.0, None
 
     def __call__(self, done, message):

@@ -86,8 +86,9 @@ class AnimationFrames:
         return {unit.name: unit for unit in units}
 
     def _is_complete(self, number):
-        previous = self._folders.get(self._previous.get(number))
-        return stills.is_complete(self._folders[number], self._job, self._encode, previous)
+        previous = self._previous.get(number)
+        before = None if previous is None else self._folders[previous]
+        return stills.is_complete(self._folders[number], self._job, self._encode, before)
 
     def _make(self, number, progress):
         folder = self._folders[number]

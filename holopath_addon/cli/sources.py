@@ -132,7 +132,9 @@ class BlenderSource:
         files = {}
         for path, relative in paths:
             for file in _files_at(path, path in sequences):
-                name = os.path.relpath(file, blend.parent) if relative else str(file)
+                # Windows has no relative path to another drive
+                is_beside = relative and file.drive == blend.drive
+                name = os.path.relpath(file, blend.parent) if is_beside else str(file)
                 files[name.replace(os.sep, "/")] = file
         return files
 

@@ -15,6 +15,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ..farm import standard_input
 from ..workflow import failures
 from .console import Progress
 
@@ -88,7 +89,7 @@ def supervised(scene):
 
 def _listen(lock, over):
     with suppress(OSError):
-        while os.read(0, 1024):
+        for _ in standard_input.blocks():
             pass
     with lock:
         if over.is_set():

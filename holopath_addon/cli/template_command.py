@@ -1,5 +1,6 @@
 """Command `holopath template`: job files for Flamenco and SLURM."""
 
+import sys
 from pathlib import Path
 
 from .. import engine
@@ -29,7 +30,8 @@ def add(command):
 def _template(args):
     data = (_FOLDER / FILES[args.farm]).read_bytes()
     if args.out is None:
-        print(data.decode(), end="")
+        sys.stdout.flush()
+        sys.stdout.buffer.write(data)  # without Windows' ends of lines, which sbatch refuses
         return
     target = Path(args.out).absolute()
     if target.exists():

@@ -5,11 +5,13 @@ from __future__ import annotations
 import errno
 import os
 import re
+import secrets
 import shutil
 import signal
 import struct
 import tempfile
 import threading
+import time
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -27,7 +29,14 @@ FOLDER_EXISTS = (
     errno.EEXIST,
     errno.ENOTEMPTY,
 )  # of a rename to an existing folder; Windows denies access instead
-BROWSER_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")  # left by file browsers in folders that they show
+# Left by file browsers in folders that they show, and by macOS beside files on disks of other systems.
+BROWSER_FILES = (".DS_Store", "Thumbs.db", "desktop.ini", "._*")
+IN_USE = (
+    5,
+    32,
+    33,
+)  # Windows' errors of renames while another program has the file, or one in the folder, open
+RENAME_TIMEOUT = 10.0  # seconds in which such a program, a virus scanner for one, may finish
 MARKER = (
     ".begun"  # file in an unfinished folder; a folder that `sweep` removed and that was made again lacks it
 )
@@ -53,7 +62,8 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
     Raises
     ------
     InvalidInput
-        At once, if the folder must not be replaced or cannot be created.
+        At once, if the folder must not be replaced or cannot be created. At the end, if another program has something
+        in the folder open; the new one stays beside it then.
     OSError
         If it cannot be written.
     """
@@ -61,7 +71,7 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
     check(folder)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.part-", dir=folder.parent))
+        part = new_folder(folder.parent, f".{folder.name}.part-")
     except OSError as error:
         raise InvalidInput(
             f"The output folder {folder} cannot be made ({error.strerror}). Choose another one."
@@ -73,11 +83,28 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         marker.unlink()  # fails if another process took this one for dead, see `sweep`
         os.chmod(part, 0o755)
         check(folder)
-        _put_in_place(part, folder)
+        try:
+            _put_in_place(part, folder)
+        except PermissionError as error:
+            part, kept = None, _kept_beside(part, folder)
+            raise InvalidInput(
+                f"{folder} cannot be replaced ({error.strerror}). What was made is in {kept}: close programs that use "
+                "either, and rename it."
+            ) from error
     except BaseException:
         with _uninterrupted():
-            shutil.rmtree(part, ignore_errors=True)
+            _remove(part)
         raise
+
+
+def _kept_beside(part, folder):
+    """Give a finished folder that cannot take its place a visible name, if it can be renamed; its path."""
+    kept = folder.with_name(f"{folder.name}-new")
+    try:
+        rename(part, kept)
+    except OSError:
+        return part
+    return kept
 
 
 def overwrite_check(kind: str, *files, others: Sequence[str] = ()) -> Callable[[Path], None]:
@@ -100,7 +127,7 @@ def overwrite_check(kind: str, *files, others: Sequence[str] = ()) -> Callable[[
         names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else {""}
         if names and not names.issuperset(files):
             raise InvalidInput(f"{folder} holds something other than {kind}. Choose another folder.")
-        unknown = sorted(name for name in names if not any(fnmatchcase(name, each) for each in known))
+        unknown = sorted(name for name in names if not _matches(name, known))
         if unknown:
             raise InvalidInput(
                 f"{folder} holds {unknown[0]} beside {kind}, which would be lost. Move it, or choose "
@@ -108,6 +135,51 @@ def overwrite_check(kind: str, *files, others: Sequence[str] = ()) -> Callable[[
             )
 
     return check
+
+
+def is_of_browser(name: str) -> bool:
+    """Whether a file of that name is a file browser's."""
+    return _matches(name, BROWSER_FILES)
+
+
+def _matches(name, patterns):
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def new_folder(parent: Path, prefix: str) -> Path:
+    """Create a folder of a random name, which others may read as they may its parent.
+
+    On Windows they may not read one of `tempfile.mkdtemp`, nor what is moved out of it.
+
+    Parameters
+    ----------
+    parent : path
+    prefix : str
+        Beginning of the name.
+    """
+    while True:
+        path = Path(parent) / f"{prefix}{secrets.token_hex(4)}"
+        with suppress(FileExistsError):
+            path.mkdir()
+            return path
+
+
+def rename(source: Path, target: Path) -> None:
+    """Rename as `os.replace`; where Windows refuses it as long as another program uses something in it, wait a while.
+
+    Raises
+    ------
+    OSError
+    """
+    end = time.monotonic() + RENAME_TIMEOUT
+    while True:
+        try:
+            return os.replace(source, target)
+        except PermissionError as error:
+            in_use = getattr(error, "winerror", None) in IN_USE and not target.is_dir()
+            if not in_use or time.monotonic() > end:
+                raise
+            time.sleep(0.1)
 
 
 @contextmanager
@@ -144,7 +216,7 @@ def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
     try:
         yield part
         os.chmod(part, 0o644)
-        os.replace(part, file)
+        rename(part, file)
     except BaseException:
         with _uninterrupted(), suppress(OSError):
             part.unlink()
@@ -188,7 +260,7 @@ def sweep(path: Path) -> None:
         if match[2] == "old" and not os.path.lexists(path):
             with suppress(OSError):
                 os.replace(remnant / path.name, path)
-        trash = Path(tempfile.mkdtemp(prefix=f".{path.name}.part-", dir=path.parent))
+        trash = new_folder(path.parent, f".{path.name}.part-")
         with suppress(OSError):  # another process has just put it in its place, or removed it
             os.replace(remnant, trash / remnant.name)
         _remove(trash)
@@ -199,7 +271,7 @@ def _put_in_place(part, folder):
     while True:
         backup = _move_away(folder)  # Windows cannot rename to an existing folder
         try:
-            os.replace(part, folder)
+            rename(part, folder)
         except BaseException as error:
             # another process was faster
             if isinstance(error, OSError) and (error.errno in FOLDER_EXISTS or folder.exists()):
@@ -218,9 +290,9 @@ def _move_away(folder):
     """Move a folder into a new hidden one beside it, and return that; None if there was no folder."""
     if not folder.exists():
         return None
-    backup = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
+    backup = new_folder(folder.parent, f".{folder.name}.old-")
     try:
-        os.replace(folder, backup / folder.name)
+        rename(folder, backup / folder.name)
     except BaseException as error:
         backup.rmdir()
         if isinstance(error, FileNotFoundError):  # another process moved it away

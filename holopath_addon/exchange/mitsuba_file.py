@@ -179,6 +179,10 @@ class MitsubaFile:
         """Parse the file to Mitsuba's tree, upgraded to the current version and with references resolved."""
         import mitsuba as mi
 
+        if str(self.path).startswith(r"\\"):
+            raise InvalidInput(
+                f"Mitsuba opens no file of a server, as {self.path} is. Give the share a drive letter."
+            )
         config = self._config()
         try:
             with _beside(self.path):

@@ -50,7 +50,7 @@ def read_bmp(path: Path) -> Pictures:
 def read_exr(path: Path) -> Pictures:
     """Read the layers of an EXR file by name; a layer without a name is `PICTURE`."""
     check_exr(path)
-    bitmap = variants.bitmaps().Bitmap(str(path))
+    bitmap = variants.read_bitmap(path)
     pixels = np.array(bitmap, copy=False)
     pixels = pixels if pixels.ndim == 3 else pixels[..., np.newaxis]
     layers = {}
@@ -138,7 +138,7 @@ def read_tiff(path: Path) -> Pictures:
 
 def _bitmap(path):
     """Integers of a PNG or BMP picture, shape (y, x) or (y, x, 3)."""
-    pixels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
+    pixels = np.array(variants.read_bitmap(path), copy=False)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError("it has neither 8 nor 16 bits")
     pixels = pixels if pixels.ndim == 3 else pixels[..., np.newaxis]

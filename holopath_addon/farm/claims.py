@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from ..engine.files import is_of_browser
 from . import processes
 
 FOLDER = ".claims"
@@ -141,7 +142,7 @@ class Claims:
         Touching the folder makes network file systems ask the server instead of a cache.
         """
         os.utime(self._folder)
-        return os.listdir(self._folder)
+        return self._listed()
 
     def alive(self, name: str) -> bool:
         """Whether a claim's holder is alive as far as `claim` has found, without access to the folder."""
@@ -161,8 +162,11 @@ class Claims:
 
     def holders(self) -> dict[str, Claim]:
         """Claims of all living processes by name; names with a dot are not units."""
-        claims = {name: self.holder(name) for name in sorted(os.listdir(self._folder))}
+        claims = {name: self.holder(name) for name in sorted(self._listed())}
         return {name: claim for name, claim in claims.items() if claim}
+
+    def _listed(self):
+        return [name for name in os.listdir(self._folder) if not is_of_browser(name)]
 
     def _try_claim(self, name):
         for _ in range(2):
@@ -240,7 +244,7 @@ class Claims:
         A claim is empty at the moment of its creation. Opening it makes network file systems ask the server.
         """
         try:
-            with open(self._folder / name) as stream:
+            with open(self._folder / name, errors="replace") as stream:
                 touch_time, text = os.fstat(stream.fileno()).st_mtime, stream.read()
         except OSError:
             return None

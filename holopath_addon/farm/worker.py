@@ -24,6 +24,7 @@ from pathlib import Path
 from ..engine import Cancelled, InvalidInput
 from ..engine.progress import Progress
 from ..workflow import failures
+from . import standard_input
 from .errors import WorkerDied
 
 Make = Callable[[str, Progress], None]  # ``make(name, progress)`` of a unit of a job
@@ -91,14 +92,13 @@ def _take_standard_output():
 def _listen(tasks):
     """Read tasks from standard input, each with the event of its cancellation; end the process with it."""
     canceled = threading.Event()
-    with open(0, "rb", closefd=False) as lines:
-        for line in lines:
-            task = json.loads(line)
-            if "cancel" in task:
-                canceled.set()
-            else:
-                canceled = threading.Event()
-                tasks.put((task, canceled))
+    for line in standard_input.lines():
+        task = json.loads(line)
+        if "cancel" in task:
+            canceled.set()
+        else:
+            canceled = threading.Event()
+            tasks.put((task, canceled))
     os._exit(0)  # even during a kernel, as nobody waits for the result
 
 

@@ -749,7 +749,7 @@ def _read_map(path):
         if phases.dtype.kind != "f":
             raise ValueError(f"{path.name} has whole numbers instead of radians; write levels as a picture")
         return phases
-    levels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
+    levels = np.array(variants.read_bitmap(path), copy=False)
     if levels.dtype != np.uint8:
         raise ValueError(f"{path.name} is not a picture of 8 bits")
     if path.suffix.lower() == ".bmp":

@@ -204,7 +204,7 @@ def read_capture(path: Path | str) -> np.ndarray:
     InvalidInput
     """
     try:
-        picture = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
+        picture = np.array(variants.read_bitmap(path), copy=False)
     except Exception as error:  # a file may hold anything
         raise InvalidInput(
             f"The camera's picture {path} cannot be read ({error}). Give a picture file."

@@ -6,6 +6,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
+from ..blender import properties
 from ..blender.properties.optics import HoloPathOptics
 
 
@@ -39,9 +40,9 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
     def post_cb(self, context: bpy.types.Context, filepath: str = ""):
         """Give measured files their whole paths in the new preset, for it serves other .blend files, too."""
         path = bpy.utils.preset_find(self.as_filename(self.name), self.preset_subdir)
-        if path is None or self.remove_name or self.remove_active:
+        if path is None:  # one was removed
             return
-        text, optics = Path(path).read_text("utf-8"), context.scene.holopath.optics
+        text, optics = Path(path).read_text("utf-8"), properties.of(context.scene).optics
         for file in (optics.beam_file, optics.beam_phase, optics.stop_file):
             if file.startswith("//"):
                 text = text.replace(f"= {file!r}\n", f"= {bpy.path.abspath(file)!r}\n")

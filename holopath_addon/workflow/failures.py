@@ -28,8 +28,12 @@ def sentence(error):
         return "Not enough memory. Use fewer pixels, frames or wavelengths, or a lower quality."
     if isinstance(error, OSError):
         reason = error.strerror or one_line(error)
-        where = f" ({error.filename})" if error.filename else ""
-        return f"Files could not be written or read: {reason}{where}. Free space or choose another folder."
+        path = error.filename2 or error.filename  # of a rename, the place and not the temporary file
+        where = f" ({path})" if path else ""
+        remedy = "Free space or choose another folder"
+        if isinstance(error, PermissionError):
+            remedy = "Close programs that have it open, or choose another folder"
+        return f"Files could not be written or read: {reason}{where}. {remedy}."
     return (
         f"Unexpected {type(error).__name__}: {one_line(error)}. This is a bug in HoloPath: please report it."
     )

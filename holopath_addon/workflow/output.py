@@ -1,13 +1,11 @@
 """Images and output folders on disk: a file or folder appears complete or not at all."""
 
 import json
-import os
 import platform
 import re
 import shutil
 import stat
 import sys
-import tempfile
 from contextlib import suppress
 from dataclasses import astuple
 from importlib import metadata
@@ -16,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import InvalidInput, PhaseHologram, Pupil, WaveField
-from ..engine.files import BROWSER_FILES, whole_file, whole_folder
+from ..engine.files import is_of_browser, new_folder, rename, whole_file, whole_folder
 from ..engine.scene import variants
 from ..engine.settings.former_names import FORMER_NAMES, with_current_names
 from .lengths import format_distance
@@ -80,7 +78,7 @@ def encode_exr(rgb):
     bytes
     """
     mi = variants.bitmaps()
-    return _encode(np.ascontiguousarray(rgb, np.float32), mi.Bitmap.FileFormat.OpenEXR)
+    return variants.encoded_bitmap(np.ascontiguousarray(rgb, np.float32), mi.Bitmap.FileFormat.OpenEXR)
 
 
 def encode_png(rgb, white):
@@ -96,7 +94,7 @@ def encode_png(rgb, white):
     -------
     bytes
     """
-    return _encode(_srgb(rgb, white), variants.bitmaps().Bitmap.FileFormat.PNG)
+    return variants.encoded_bitmap(_srgb(rgb, white), variants.bitmaps().Bitmap.FileFormat.PNG)
 
 
 def _srgb(rgb, white):
@@ -150,7 +148,7 @@ def contact_sheet(images, lens_image, focus, phases=None):
     for number, tile in enumerate(tiles):
         y, x = number // 2 * step[0], left + number % 2 * step[1]
         sheet[y : y + height, x : x + width] = tile
-    return _encode(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
+    return variants.encoded_bitmap(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
 
 
 def _tile(rgb, white, label):
@@ -182,13 +180,6 @@ def _crop(image, height, width):
         max(0, (side - limit) // 2) for side, limit in zip(image.shape, (height, width), strict=True)
     )
     return image[top : top + height, left : left + width]
-
-
-def _encode(pixels, file_format):
-    mi = variants.bitmaps()
-    stream = mi.MemoryStream()
-    mi.Bitmap(pixels).write(stream, file_format)
-    return stream.raw_buffer()
 
 
 def frame_folder(folder, number):
@@ -337,12 +328,12 @@ def write_pictures(folder, files):
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+    part = new_folder(folder, ".part-")
     try:
         for name, data in files.items():
             (part / name).write_bytes(data)
         for name in files:
-            os.replace(part / name, folder / name)
+            rename(part / name, folder / name)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
@@ -585,7 +576,7 @@ def _contents(folder):
             before = folder.stat()
             if not stat.S_ISDIR(before.st_mode):
                 break
-            names = {entry.name for entry in folder.iterdir()}.difference(BROWSER_FILES)
+            names = {entry.name for entry in folder.iterdir() if not is_of_browser(entry.name)}
             own = read_report(folder).get("format") == FORMAT
             if folder.stat().st_ino == before.st_ino:
                 return names, own

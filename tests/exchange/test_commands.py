@@ -145,7 +145,7 @@ def test_an_export_that_is_interrupted_leaves_what_was_there(suffix, rendered, t
     assert (folder / f"a{suffix}").read_text() == "before"
 
 
-@pytest.mark.parametrize(("where", "what"), [(assessment, "brightness"), (output.os, "replace")])
+@pytest.mark.parametrize(("where", "what"), [(assessment, "brightness"), (output, "rename")])
 def test_a_report_that_is_interrupted_leaves_nothing(where, what, rendered, tmp_path, capsys, monkeypatch):
     """While it computes, and when the page and its table are to be put in their places."""
     folder = tmp_path / "pages"

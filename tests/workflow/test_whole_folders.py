@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from holopath_addon import engine
 from holopath_addon.engine import files
+from holopath_addon.workflow import failures
 from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[2]
@@ -90,3 +92,85 @@ def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind, i
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+class InUse(PermissionError):
+    """Windows' error of a rename while another program has something in the folder open."""
+
+    winerror = 32
+
+
+def refused(monkeypatch, refuses):
+    """Have `os.replace` refuse some renames, by source and target."""
+    replace = os.replace
+
+    def perhaps(source, target):
+        if refuses(Path(source), Path(target)):
+            raise InUse(13, "in use", str(source), None, str(target))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", perhaps)
+    monkeypatch.setattr(files, "RENAME_TIMEOUT", 0.3)
+
+
+def test_a_folder_in_use_for_a_moment_is_waited_for(tmp_path, monkeypatch):
+    times = []
+
+    def refuses(source, target):
+        times.append(source)
+        return len(times) < 3
+
+    refused(monkeypatch, refuses)
+    with files.whole_folder(tmp_path / "out", lambda folder: None) as part:
+        (part / "file").write_text("made")
+    assert len(times) == 3 and os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("is_new_one", [False, True])
+def test_a_result_is_kept_beside_a_folder_in_use(tmp_path, monkeypatch, is_new_one):
+    """Hours of work are not lost because a program has the earlier result, or the new one, open."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "file").write_text("earlier")
+    refused(
+        monkeypatch,
+        lambda source, target: source.name.startswith(".out.part-") if is_new_one else source == out,
+    )
+    with (
+        pytest.raises(
+            engine.InvalidInput, match=r"out cannot be replaced .*(out-new|part-\w+): close"
+        ) as caught,
+        files.whole_folder(out, lambda folder: None) as part,
+    ):
+        (part / "file").write_text("made")
+    [kept] = set(tmp_path.iterdir()) - {out}
+    assert str(kept) in str(caught.value)
+    assert (kept / "file").read_text() == "made" and (out / "file").read_text() == "earlier"
+
+
+def test_new_folders_are_readable_as_their_parent(tmp_path):
+    """Those of Python's `mkdtemp` are for their owner alone, on Windows also after they were renamed."""
+    before = os.umask(0o022)
+    try:
+        first, second = files.new_folder(tmp_path, ".a-"), files.new_folder(tmp_path, ".a-")
+    finally:
+        os.umask(before)
+    assert first != second and first.name.startswith(".a-") and first.is_dir()
+    assert os.name == "nt" or first.stat().st_mode & 0o777 == 0o755
+
+
+def test_files_of_browsers_are_nobodys(tmp_path):
+    """macOS leaves ._NAME beside files on disks of other systems."""
+    out = tmp_path / "out"
+    for _ in range(2):
+        with files.whole_folder(out, files.overwrite_check("a hologram", "phase.npy")) as part:
+            (part / "phase.npy").touch()
+        (out / "._phase.npy").touch()
+
+
+def test_a_file_that_a_program_has_open_is_said_to_be():
+    error = PermissionError(13, "Permission denied", ".part-1/table.csv", None, "table.csv")
+    assert failures.sentence(error) == (
+        "Files could not be written or read: Permission denied (table.csv). Close programs that have it open, or "
+        "choose another folder."
+    )

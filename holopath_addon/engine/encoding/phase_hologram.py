@@ -153,7 +153,6 @@ class PhaseHologram:
         OSError
             If it cannot be written; nothing is left behind.
         """
-        mi = variants.bitmaps()
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
         with whole_folder(
@@ -167,7 +166,7 @@ class PhaseHologram:
             self.hologram.optics.save(part)
             for m, frame in enumerate(data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
-                    mi.Bitmap(gray_levels(phases).astype(np.uint8)).write(str(part / name))
+                    variants.write_png(part / name, gray_levels(phases).astype(np.uint8))
                 progress((m + 1) / len(data), "Writing the hologram")
             meta = {
                 "format_version": FORMAT_VERSION,

@@ -182,6 +182,44 @@ def bitmaps() -> Any:
         return _import_mitsuba()
 
 
+def read_bitmap(path: Path | str) -> Any:
+    """Read a picture file as a `mitsuba.Bitmap`.
+
+    Mitsuba itself takes a path's letters for those of the system's code page on Windows, and a server for a folder.
+
+    Raises
+    ------
+    OSError
+        If there is no such file.
+    RuntimeError
+        If it is no picture.
+    """
+    mi = bitmaps()
+    stream = mi.MemoryStream()
+    stream.write(Path(path).read_bytes())
+    stream.seek(0)
+    return mi.Bitmap(stream)
+
+
+def encoded_bitmap(pixels: np.ndarray, file_format: Any) -> bytes:
+    """Content of a file of pixels.
+
+    Parameters
+    ----------
+    pixels : numpy.ndarray, shape (y, x) or (y, x, channel)
+    file_format : mitsuba.Bitmap.FileFormat
+    """
+    mi = bitmaps()
+    stream = mi.MemoryStream()
+    mi.Bitmap(pixels).write(stream, file_format)
+    return stream.raw_buffer()
+
+
+def write_png(path: Path, pixels: np.ndarray) -> None:
+    """Write pixels as a PNG file; see `read_bitmap` for its path."""
+    path.write_bytes(encoded_bitmap(pixels, bitmaps().Bitmap.FileFormat.PNG))
+
+
 def threads() -> int:
     """Number of threads to compute with: `HOLOPATH_THREADS`, or the number of processors that this process may use.
 

@@ -71,7 +71,7 @@ def stored_pixels(path: Path) -> tuple[np.ndarray, list[str]]:
 
 
 def _bitmap(path):
-    bitmap = variants.bitmaps().Bitmap(str(path))
+    bitmap = variants.read_bitmap(path)
     if bitmap.pixel_count() > MAX_PIXELS:
         raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
     pixels, kind = np.array(bitmap), path.suffix.lower()

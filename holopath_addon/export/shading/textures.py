@@ -5,6 +5,7 @@ import math
 import os
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -152,7 +153,7 @@ class ImageValue:
         Exponent on the linear color, before the factor.
     """
 
-    image: object
+    image: Any
     alpha: bool = False
     alpha_read: bool = False
     interpolation: str = "Linear"

@@ -78,7 +78,7 @@ class FilesDriver:
         pixels = picture.pixels
         self._shape = pixels.shape, pixels.dtype
         if self._kind == "png":
-            variants.bitmaps().Bitmap(pixels).write(str(self._part / f"picture_{number:06d}.png"))
+            variants.write_png(self._part / f"picture_{number:06d}.png", pixels)
         elif self._videos is not None:
             self._videos.add(picture, self._part)
         else:
