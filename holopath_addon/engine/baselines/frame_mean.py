@@ -42,9 +42,9 @@ class FrameMean:
 
     def weight(self, number: int) -> Array:
         """Weight of the squared error of each pixel of an image."""
-        weight, target = self.pictures.weight(number), self.pictures.targets[number, ...]
-        mean = arrays.namespace(target).mean(target)
-        return weight * (target + DARK * mean) if self.amplitudes else weight
+        weight, intensity = self.pictures.weight(number), self.pictures.intensity(number)
+        mean = arrays.namespace(intensity).mean(intensity)
+        return weight * (intensity + DARK * mean) if self.amplitudes else weight
 
     def gradient(self, light: Array, number: int) -> tuple[float, Array]:
         """Loss of an image, and its gradient with respect to the light.

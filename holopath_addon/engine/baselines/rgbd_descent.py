@@ -12,7 +12,6 @@ import numpy as np
 
 from ..waves import arrays
 from ..waves.propagation import OPTIMIZATION_GUARD
-from ..waves.supervision import relative
 from ..waves.target_images import TargetImages, Viewpoint
 from .layers import sliced
 from .shots import picture_with_depth
@@ -50,5 +49,8 @@ class _OnLayers(TargetImages):
 
     radiance = layers = None  # of each pixel
 
+    def intensity(self, number):
+        return self.radiance
+
     def weight(self, number):
-        return arrays.namespace(self.targets).where(self.layers == number, relative(self.radiance), 0.0)
+        return arrays.namespace(self.targets).where(self.layers == number, super().weight(number), 0.0)

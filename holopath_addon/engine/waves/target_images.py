@@ -172,9 +172,13 @@ class TargetImages:
         energy = sum(arrays.product(s, s).real for s in spectra) / self.space.band.size
         self.energy = (self.energy * before + energy) / self._frames
 
+    def intensity(self, number: int) -> Array:
+        """Return the intensity to which the weights of an image's pixels are relative."""
+        return self.targets[number, ...]
+
     def weight(self, number: int) -> Array:
         """Return the weight of the squared error of each pixel of an image."""
-        return relative(self.targets[number, ...])
+        return relative(self.intensity(number))
 
     def target(self, number: int) -> TargetImage:
         """Return an image for `supervise`; pixels outside the fields have no weight."""

@@ -53,6 +53,20 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     assert mean == pytest.approx([0.8, 0.3][-len(colors) :], rel=0.05)
 
 
+@pytest.mark.parametrize("frames", [4, 8])
+def test_what_is_black_is_kept_dark(build, camera, frames):
+    """A black card before a wall that shines: on its layer nothing is bright."""
+    half = 0.5 * np.tan(FOV / 2)
+    black = {"bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}}
+    scene = build.scene(
+        wall=build.plane(2.0, build.emissive(build.texture(64, 1, contrast=4))),
+        card=build.plane(0.5, black, 0.5 * half),
+    )
+    field = render("rgbd-sgd", scene, camera, display(side=96), frames, 30)
+    picture = engine.reconstruct(field, [0.5])[0, ..., 0]
+    assert picture[40:56, 40:56].mean() < 0.25 * picture[16:24, 24:72].mean()
+
+
 @pytest.mark.parametrize(
     ("frames", "randomness", "smooth"), [(3, None, True), (6, None, False), (6, 0.1, True)]
 )
