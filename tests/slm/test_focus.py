@@ -4,6 +4,7 @@ import json
 import math
 import re
 import time
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import example, given, settings
@@ -441,11 +442,16 @@ def test_missing_port(tmp_path, capfd, monkeypatch):
     )
     said_in_one_line(capfd, status, "none cannot be opened.*holopath devices")
     assert list(tmp_path.iterdir()) == []
-    from holopath_addon.slm.drivers import controller
-
-    for ports in ([], [("A", ""), ("B", "")]):
-        monkeypatch.setattr(controller, "serial_ports", lambda ports=ports: ports)
-        said_in_one_line(capfd, cli.main(["focus", "--position", "1"]), "Expected one serial port, found")
+    built_in, board, other = (
+        SimpleNamespace(device=name, vid=vid) for name, vid in (("A", None), ("B", 1), ("C", 2))
+    )
+    for ports, says in (
+        ([], "found 0 .none"),
+        ([built_in, board, other], "found 3 .A, B, C"),
+        ([built_in, board], "port B cannot be opened"),
+    ):
+        monkeypatch.setattr("serial.tools.list_ports.comports", lambda ports=ports: ports)
+        said_in_one_line(capfd, cli.main(["focus", "--position", "1"]), says)
 
 
 def test_a_device_that_takes_no_focus(tmp_path, capfd):

@@ -38,7 +38,8 @@ class Controller:
     Parameters
     ----------
     port : str, optional
-        Name of the port, or a URL for pyserial (``socket://host:port``). Default: the only port there is.
+        Name of the port, or a URL for pyserial (``socket://host:port``). Default: the only port there is, or the only
+        one on USB.
     baud : int
         Speed of the line.
 
@@ -105,12 +106,17 @@ class Controller:
         self._port = port
 
     def _port_name(self):
+        from serial.tools import list_ports
+
         if self._name is None:
-            ports = serial_ports()
+            ports = list_ports.comports()
+            on_usb = [port for port in ports if port.vid is not None]
+            if len(ports) > 1 and len(on_usb) == 1:  # the others are built in, such as those of Bluetooth
+                ports = on_usb
             if len(ports) != 1:
-                there = ", ".join(name for name, _ in ports) or "none"
+                there = ", ".join(port.device for port in ports) or "none"
                 raise InvalidInput(f"Expected one serial port, found {len(ports)} ({there}). Name the port.")
-            self._name = ports[0][0]
+            self._name = ports[0].device
         return self._name
 
     def frame(self, number: int, pixels: np.ndarray, bits: int, wavelength: int) -> None:
