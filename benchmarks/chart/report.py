@@ -578,7 +578,7 @@ def earlier(path):
     rows = [
         row
         for table in tables
-        if table.startswith("| scene | method | effort | M |")
+        if table.startswith("| scene | method | effort | M | s |")  # not that of what is lower
         for row in table.splitlines()
     ]
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
