@@ -1,6 +1,7 @@
 """A display and a camera that are off in everything, found from captures of known patterns."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -259,9 +260,27 @@ def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
     assert len(slm.Calibration.load(tmp_path / "my.json").display([640e-9, 520e-9])) == 2
 
 
+@pytest.mark.parametrize("light", [None, 2])
+def test_the_light_of_a_controller(light, tmp_path, capsys):
+    """Each pattern names it; the camera fails at the first."""
+    pytest.importorskip("termios", reason="There are ptys on Unix alone.")
+    from tests.slm.device import Board, Firmware
+
+    slm.FocusPlanes((slm.Plane(5e-4, 0), slm.Plane(1e-3, 5))).save(tmp_path / "planes.json")
+    with Board(Firmware()) as board:
+        words = ["--driver", "serial", "--port", board.path, "--focus-planes", str(tmp_path / "planes.json")]
+        words += ["--light", str(light)] * (light is not None)
+        words += ["--camera", f"'{sys.executable}' -c 'raise SystemExit(1)' {{file}}", "--settle", "0"]
+        assert cli.main([*WORDS, "--out", str(tmp_path / "my.json"), *words]) == 2
+    assert "took no picture" in capsys.readouterr().err
+    assert [shown[3] for shown in board.firmware.shown] == [light or 0]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        (["--light", "-1"], "from 0 to 255, got -1"),
+        (["--light", "1"], "--light would have no effect here. Add --driver serial"),
         (["--out", "my.txt"], "Expected a .json file for the calibration"),
         (["--window", "4"], "16 to 512"),
         (["--captures", "10"], "ten captures at each"),
