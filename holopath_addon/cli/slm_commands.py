@@ -565,7 +565,7 @@ def _focus(args):
     controller.open()
     try:
         if planes is not None and target is None:
-            position = controller.position()
+            position = controller.resting_position()
             planes.with_position(args.store, position).save(args.focus_planes)
             distance = planes.planes[args.store].distance * 1e3
             progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")

@@ -232,7 +232,7 @@ class HOLOPATH_OT_store_plane(ModalOperator, bpy.types.Operator):
         planes.with_position(number, 0)  # raises if there is no such plane
 
         def store(job, progress):
-            position = devices.controller(*port).position()
+            position = devices.controller(*port).resting_position()
             planes.with_position(number, position).save(path)
             return number, position
 

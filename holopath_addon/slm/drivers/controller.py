@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from ...engine.errors import InvalidInput
@@ -159,6 +159,8 @@ class Controller:
     def focus(self, position: int, progress: Callable[[int], None] | None = None) -> None:
         """Move the focus, and wait until it has stopped; opens the port if needed.
 
+        A motion that is canceled, or takes too long, stops at the position that was reported last.
+
         Parameters
         ----------
         position : int
@@ -177,22 +179,30 @@ class Controller:
         self._ensure_open()
         self._require(Can.FOCUS, "focus commands")
         end = time.perf_counter() + FOCUS_TIMEOUT
+        try:
+            self._send_focus(int(position))
+            while True:
+                where = self.position()
+                if not self.link.moving:
+                    return
+                if progress is not None:
+                    progress(where)
+                if time.perf_counter() > end:
+                    raise DeviceLost(
+                        f"The focus has not arrived after {FOCUS_TIMEOUT:g} s. Check whether the motor is blocked."
+                    )
+                time.sleep(0.02)
+        except BaseException:
+            with suppress(DeviceLost):  # the motor would go on
+                self._send_focus(self.link.position)
+            raise
+
+    def _send_focus(self, position):
         with self._lock, self._closing():
             try:
-                self.link.focus(int(position))
+                self.link.focus(position)
             finally:  # otherwise a device that comes back later would still move
                 self.link.forget(Kind.FOCUS)
-        while True:
-            where = self.position()
-            if not self.link.moving:
-                return
-            if progress is not None:
-                progress(where)
-            if time.perf_counter() > end:
-                raise DeviceLost(
-                    f"The focus has not arrived after {FOCUS_TIMEOUT:g} s. Check whether the motor is blocked."
-                )
-            time.sleep(0.02)
 
     def position(self) -> int:
         """Current position of the focus in the device's own steps."""
@@ -200,6 +210,22 @@ class Controller:
         with self._lock, self._closing():
             self.link.status()
             return self.link.position
+
+    def resting_position(self) -> int:
+        """Current position of the focus, which must not move: one to store.
+
+        Raises
+        ------
+        InvalidInput
+            If the focus moves.
+        DeviceLost
+        """
+        position = self.position()
+        if self.link.moving:
+            raise InvalidInput(
+                f"The focus still moves, now at {position}. Wait until it has stopped, then store its position."
+            )
+        return position
 
     def _ensure_open(self):
         if self._port is None:
