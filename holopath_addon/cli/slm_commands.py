@@ -314,6 +314,8 @@ def _stream(args):
         calibration = replace(calibration, bits=args.bits)
     check_responses(args.packing, calibration)
     sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats, falling)
+    for note in sequence.notes:
+        progress.say(f"note: {note}")
     driver = _driver(args, sequence)
     controller = _controller(args, driver)
     must_end = args.driver in ("files", "virtual") or args.captures
@@ -354,6 +356,7 @@ def _refuse_unused(args):
     for flag, is_given, has_effect, remedy in (
         ("--out", args.out is not None, args.driver == "files", "Add --driver files"),
         ("--kind", args.kind is not None, args.driver == "files", "Add --driver files"),
+        ("--trigger", args.trigger, args.driver != "files", "Choose another driver"),
         ("--pulse", args.pulse is not None, args.trigger, "Add --trigger"),
         ("--camera", args.camera is not None, args.captures and on_device, "Add --captures DIR on a device"),
         ("--focus-planes", args.focus_planes is not None, args.captures, "Add --captures DIR"),

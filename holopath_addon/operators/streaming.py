@@ -38,6 +38,8 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
         """Prepare the stream; `endless`: whether 0 loops mean no end, rather than one loop."""
         device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
+        for note in sequence.notes:
+            self.report({"WARNING"}, note)
         driver, trigger = device_properties.driver_of(device, sequence), None
         port = device.port, device.baud
         if device.driver == "serial":
