@@ -150,7 +150,9 @@ class Sequence:
         count = len(nanometers)
         if self.packing == "color" and count > 1:
             colors = {"R": "red", "G": "green", "B": "blue"}
-            where = ", ".join(f"{nanometers[k % count]:g} nm in {colors[c]}" for k, c in enumerate(self.order))
+            where = ", ".join(
+                f"{nanometers[k % count]:g} nm in {colors[c]}" for k, c in enumerate(self.order)
+            )
             if count != 3:
                 notes.append(f"Channels have no wavelength of their own: the first picture has {where}.")
             elif nanometers != sorted(nanometers, reverse=True):

@@ -92,7 +92,9 @@ class Stills:
             raise InvalidInput(f"Expected levels of {info.bits} bits for {info.name}, got {bits}.")
         (rows, columns), (across, down) = levels.shape, kind.grid
         whole = place_in_center(levels, (info.width // across or columns, info.height // down or rows), bits)
-        picture = Picture(pack([whole] * kind.each, self._packing), number, ((0, self._light),) * kind.each, bits)
+        picture = Picture(
+            pack([whole] * kind.each, self._packing), number, ((0, self._light),) * kind.each, bits
+        )
         until = time.monotonic() + STILL_TIMEOUT
         while not self._send(number, picture):
             if time.monotonic() > until:

@@ -312,3 +312,32 @@ def test_a_camera_that_sees_nothing_is_refused(monkeypatch):
         rng = np.random.default_rng(0)
         first = rng.random((22, 22))
         slm.calibrate(lambda levels, z: first, slm.PatternWindow(16, PITCH, GREEN), (1e-3, 2e-3), count=20)
+
+
+def test_a_camera_in_the_dark_is_refused():
+    with pytest.raises(engine.InvalidInput, match="got 20 that are 0 everywhere. Check the light source"):
+        slm.calibrate(
+            lambda levels, z: np.zeros((22, 22)), slm.PatternWindow(16, PITCH, GREEN), (1e-3, 2e-3), count=20
+        )
+
+
+@pytest.mark.parametrize("end", [0, 1, None])
+def test_a_camera_whose_values_are_not_linear_is_refused(end, monkeypatch):
+    """The fit's exponent ends at a bound."""
+    window = slm.PatternWindow(16, PITCH, GREEN)
+    setup, rows = start_of(window), parameters(start_of(window))
+    bounds = next(row.bounds for row in rows if row.name == "gamma")
+    gamma = 1.1 if end is None else bounds[end]
+    setup = replace(setup, sensor=replace(setup.sensor, gamma=gamma))
+    result = slm.FitResult(setup, rows, vector(setup), np.zeros(len(rows)), 0.1, 0.9)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.fit", lambda *_: result)
+    first = np.random.default_rng(0).random((22, 22))
+
+    def calibrated():
+        return slm.calibrate(lambda levels, z: first, window, (1e-3, 2e-3), count=20)
+
+    if end is None:
+        assert calibrated() is result
+        return
+    with pytest.raises(engine.InvalidInput, match="linear in light, got the exponent"):
+        calibrated()

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 TRIES = 20  # presentations that show whether the window waits for the monitor
 MAX_DEVIATION = 0.02  # of the monitor's rate from the nominal one, as a fraction
 MAX_AHEAD = 3.0  # refreshes by which presentations may be early: a graphics card queues that many
-EARLY = 10  # presentations in a row that are too early, after which the window no longer waits for the monitor
+EARLY = (
+    10  # presentations in a row that are too early, after which the window no longer waits for the monitor
+)
 PRELOAD = 6  # pictures to have before the first is shown
 PATIENCE = 0.2  # seconds to wait for them
 IN_MEMORY = {b"dummy", b"offscreen", b"evdev"}  # drivers of SDL that show nothing on a screen
