@@ -756,3 +756,16 @@ def test_sketch_switches_the_laser_of_a_frame(compiler, sketch):
     assert [level for level, _ in pins[5]] == [1]
     assert pins[7][0][1] < pins[5][0][1]
     assert 6 not in pins
+
+
+def test_sketch_switches_lasers_off_without_the_computer(compiler, sketch):
+    """They stay on while it asks, go off when it is silent, and when a new stream begins."""
+    pixels, pause = bytes(8), bytes(600)  # 52 ms
+    data = hello(1, 5) + frame(0, 1, pixels, 4, 2, color=2) + part(1, 0, pixels)
+    data += (pause + encode(STATUS, 1, 0)) * 4 + 5 * pause + encode(STATUS, 1, 0)
+    data += frame(2, 2, pixels, 4, 2, color=0) + part(3, 0, pixels) + hello(2, 5) + hello(3, 6)
+    _, pins = run_board(compiler, sketch(WIDTH=4, HEIGHT=2, LASER_TIMEOUT=100), data)
+    (on, begin), (off, end) = pins[7]
+    assert (on, off) == (1, 0) and 300e3 < end - begin < 330e3  # four pauses, then the timeout
+    assert [level for level, _ in pins[5]] == [1, 0] and 6 not in pins
+    assert pins[5][1][1] - pins[5][0][1] < 10e3  # not by the timeout

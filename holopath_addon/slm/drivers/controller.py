@@ -227,6 +227,17 @@ class Controller:
             )
         return position
 
+    def keep_alive(self, silence: float) -> None:
+        """Ask the device for a report if there was none for some seconds, while the port is open.
+
+        Raises
+        ------
+        DeviceLost
+        """
+        with self._lock:
+            if self._port is not None and self.link.silence > silence:
+                self.link.status()
+
     def _ensure_open(self):
         if self._port is None:
             self.open()

@@ -211,6 +211,11 @@ class Link:
 
         self._pump(has_answered)
 
+    @property
+    def silence(self) -> float:
+        """Seconds since the device's last answer."""
+        return time.perf_counter() - self._last_answer
+
     def finish(self) -> None:
         """Wait until the device has accepted everything."""
         self._pump(lambda: not self._messages)
