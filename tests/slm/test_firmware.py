@@ -293,7 +293,7 @@ def test_handshake_and_messages_on_a_clean_line(start, raw_pty, longest):
         lines = send(link, messages(1), 300)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
     assert min(counts(lines)) > 80
 
 
@@ -307,7 +307,7 @@ def test_messages_on_a_noisy_line(start, cable, longest, count):
         lines = send(link, messages(2), count)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
     assert link.resent and all(min(noise.counts.values()) > 5 for noise in line.noise)
 
 
@@ -382,7 +382,7 @@ def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
         lines += send(link, stream, 20)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
 
 
 def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
@@ -404,7 +404,7 @@ def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
         logs.append(process.log())
         termios.tcflush(line.far_slave, termios.TCIFLUSH)  # what it had not read is gone with it
         line.mend()
-    assert link.frames == counts(logs[-1])[0]
+    assert link.frames == counts(logs[-1])[0] and link.refused == 0
     done = 0
     for log in logs:
         begins = [

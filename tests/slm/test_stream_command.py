@@ -308,6 +308,19 @@ def test_triggers_of_another_controller(board, folder):
     assert [number for number, _ in board.firmware.triggers] == [0, 1, 2, 3] and board.firmware.shown == []
 
 
+def test_a_device_that_shows_no_frames(folder, capfd):
+    """Its firmware takes them, and counts none."""
+
+    class Blind(Firmware):
+        def _do(self, kind, payload):
+            super()._do(kind, payload)
+            self.frames = min(self.frames, 2)
+
+    with Board(Blind(size=(WIDTH, HEIGHT))) as board:
+        status = run(folder, "--driver", "serial", "--port", board.path, "--loops", "1", "--quiet")
+    one_line(capfd, status, "device 'Test device' on .* has received picture 2, and does not show it")
+
+
 def test_larger_device(folder):
     with Board(Firmware(size=(WIDTH + 6, HEIGHT))) as board:
         words = ["--driver", "serial", "--port", board.path, "--loops", "1", "--quiet"]

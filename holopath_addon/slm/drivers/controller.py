@@ -125,6 +125,8 @@ class Controller:
 
         Raises
         ------
+        InvalidInput
+            If the device does not show it.
         DeviceLost
         """
         with self._lock:
@@ -133,6 +135,12 @@ class Controller:
                 self.link.frame(number, pixels, bits, wavelength)
             self.link.finish()
             self._sending = None
+            device = self.link.device
+            if self.link.refused and device is not None:
+                raise InvalidInput(
+                    f"The device '{device.name}' on {self.name} has received picture {number}, and does not show it. "
+                    f"Check whether its firmware takes {pixels.shape[1]} x {pixels.shape[0]} pixels of {bits} bits."
+                )
 
     def trigger(self, number: int, microseconds: int = 100) -> None:
         """Request a pulse, and wait until the device has the request; opens the port if needed.

@@ -135,6 +135,7 @@ class Link:
         self._last_answer = self._last_advance = self._last_retry = 0.0
         self.device = None
         self.frames = self.triggers = self.position = self.resent = 0
+        self._complete = 0  # frames that the device accepted in this stream
         self.moving = False
 
     def connect(self, port: serial.Serial, patience: float = START_PATIENCE) -> None:
@@ -210,6 +211,11 @@ class Link:
             return False
 
         self._pump(has_answered)
+
+    @property
+    def refused(self) -> int:
+        """Number of frames that the device has accepted in full, but not shown."""
+        return self._complete - self.frames
 
     @property
     def silence(self) -> float:
@@ -356,7 +362,7 @@ class Link:
         if self._resumes:
             self._advance(count)
         else:
-            self.triggers = 0
+            self.triggers, self._complete = 0, frames
         self._expected = expected
         self.frames, self.position = frames, position
         self._max_payload = max(MIN_PAYLOAD, min(max_payload, packets.MAX_PAYLOAD))
@@ -381,7 +387,7 @@ class Link:
                 self._trip += 0.125 * (now - packet.written - self._trip)
                 self._clean += 1
             while self._messages and self._messages[0].accepted == self._messages[0].steps:
-                self._messages.popleft()
+                self._complete += self._messages.popleft().kind == Kind.FRAME
         self._expected = (self._expected + count) % SEQUENCES
         if (
             self._clean >= 32 and self._trip < PACKET_SECONDS
