@@ -108,6 +108,34 @@ def test_focus_after_the_port_is_back(tmp_path):
     assert firmware.positions == [100, 400]
 
 
+@pytest.mark.parametrize("restart", [False, True])
+def test_focus_after_a_restart(restart, tmp_path):
+    """A controller that restarted forgot where it is, which is said once; another program's stream is no restart."""
+    firmware, port = Firmware(), tmp_path / "port"
+    board = Board(firmware)
+    port.symlink_to(board.path)
+    controller, other = Controller(str(port), 1000000), Controller(str(port), 1000000)
+    controller.focus(100)
+    board.unplug()
+    port.unlink()
+    with pytest.raises(DeviceLost):
+        controller.position()
+    if restart:
+        firmware.restart()
+    with Board(firmware) as board:
+        port.symlink_to(board.path)
+        other.position()
+        other.close()
+        if restart:
+            assert controller.position() == 0
+            with pytest.raises(engine.InvalidInput, match="has restarted.*it says 0, and was at 100"):
+                controller.focus(200)
+            assert firmware.positions == [100]
+        controller.focus(200)
+        controller.close()
+    assert firmware.positions == [100, 200]
+
+
 def test_patience_with_a_lost_trigger(sequence):
     """Pictures without their pulses are no progress."""
 

@@ -179,13 +179,20 @@ class Controller:
         Raises
         ------
         InvalidInput
-            If the device has no focus, or no motor such a position.
+            If the device has no focus, or no motor such a position. Once after a restart of the device, which forgets
+            its position.
         DeviceLost
         """
         if not -(2**31) <= position < 2**31:
             raise InvalidInput(f"Expected a motor position of 32 bits, got {position}.")
         self._ensure_open()
         self._require(Can.FOCUS, "focus commands")
+        lost, self.link.lost_position = self.link.lost_position, 0
+        if lost:
+            raise InvalidInput(
+                f"The controller has restarted and forgot its position: it says 0, and was at {lost}. Move the motor "
+                "to its zero by hand, or store the focus planes again, then go on."
+            )
         end = time.perf_counter() + FOCUS_TIMEOUT
         try:
             self._send_focus(int(position))

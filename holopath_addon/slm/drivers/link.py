@@ -114,6 +114,8 @@ class Link:
         Last reported position of the focus.
     moving : bool
         Whether the focus moved at the last report.
+    lost_position : int
+        Position of the focus before the device restarted, which forgets it; else 0.
     resent : int
         Number of packets that were sent again.
     """
@@ -135,6 +137,7 @@ class Link:
         self._last_answer = self._last_advance = self._last_retry = 0.0
         self.device = None
         self.frames = self.triggers = self.position = self.resent = 0
+        self.lost_position = 0
         self._complete = 0  # frames that the device accepted in this stream
         self.moving = False
 
@@ -363,6 +366,9 @@ class Link:
             self._advance(count)
         else:
             self.triggers, self._complete = 0, frames
+            # other programs begin a stream, too, but the device then knows where the focus is
+            if position == 0 and self.position:
+                self.lost_position = self.position
         self._expected = expected
         self.frames, self.position = frames, position
         self._max_payload = max(MIN_PAYLOAD, min(max_payload, packets.MAX_PAYLOAD))
