@@ -27,6 +27,7 @@ from .options import add_old_name, argument, listed, numbers, pitch, say
 
 MAX_WAIT = 30.0  # seconds for a lost device
 PULSE = 100  # microseconds
+MAX_LIGHT = 255  # index of a light source in the serial protocol
 
 
 def add(command):
@@ -180,6 +181,13 @@ def add(command):
         help="focus distances from the SLM (default: those of --focus-planes)",
     )
     option("--captures", type=int, default=64, metavar="N", help="number of captures (default 64)")
+    option(
+        "--light",
+        type=int,
+        default=0,
+        metavar="N",
+        help="index of the light source that the driver serial switches on, from 0 (default 0)",
+    )
     _add_device(calibrate)
 
     tune = command("tune", _tune, "Improve phases by captures of them on a calibrated display.")
@@ -306,6 +314,8 @@ def _stream(args):
         calibration = replace(calibration, bits=args.bits)
     check_responses(args.packing, calibration)
     sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats, falling)
+    for note in sequence.notes:
+        progress.say(f"note: {note}")
     driver = _driver(args, sequence)
     controller = _controller(args, driver)
     must_end = args.driver in ("files", "virtual") or args.captures
@@ -346,6 +356,7 @@ def _refuse_unused(args):
     for flag, is_given, has_effect, remedy in (
         ("--out", args.out is not None, args.driver == "files", "Add --driver files"),
         ("--kind", args.kind is not None, args.driver == "files", "Add --driver files"),
+        ("--trigger", args.trigger, args.driver != "files", "Choose another driver"),
         ("--pulse", args.pulse is not None, args.trigger, "Add --trigger"),
         ("--camera", args.camera is not None, args.captures and on_device, "Add --captures DIR on a device"),
         ("--focus-planes", args.focus_planes is not None, args.captures, "Add --captures DIR"),
@@ -557,7 +568,7 @@ def _focus(args):
     controller.open()
     try:
         if planes is not None and target is None:
-            position = controller.position()
+            position = controller.resting_position()
             planes.with_position(args.store, position).save(args.focus_planes)
             distance = planes.planes[args.store].distance * 1e3
             progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")
@@ -601,6 +612,12 @@ def _calibrate(args):
         )
     if not 1 <= args.bits <= 16:
         raise engine.InvalidInput(f"Expected 1 to 16 bits, got {args.bits}. Choose other --bits.")
+    if not 0 <= args.light <= MAX_LIGHT:
+        raise engine.InvalidInput(
+            f"Expected a light source from 0 to {MAX_LIGHT}, got {args.light}. Choose another --light."
+        )
+    if args.light and args.driver != "serial":
+        raise engine.InvalidInput("--light would have no effect here. Add --driver serial, or omit it.")
     window = slm.PatternWindow(args.window, args.pitch, args.wavelength * 1e-9, args.bits)
     planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
     distances = [mm * 1e-3 for mm in args.distances or ()]
@@ -611,7 +628,7 @@ def _calibrate(args):
             "The focus distances are missing. Give them with --distances or --focus-planes."
         )
     _check_writable(path)
-    with _bench(args, window, planes, distances) as capture:
+    with _bench(args, window, planes, distances, light=args.light) as capture:
         fit = slm.calibrate(
             capture,
             window=window,
@@ -639,6 +656,7 @@ def _tune(args):
             "The hologram has several wavelengths. Choose that of the light source with --wavelength."
         )
     wavelength = wavelengths[0] if args.wavelength is None else args.wavelength * 1e-9
+    light = int(np.argmin(np.abs(np.subtract(wavelengths, wavelength))))
     planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
     distances = list(calibration.sensor(wavelength).homographies)
     width, height = calibration.size or (hologram.width, hologram.height)
@@ -649,7 +667,7 @@ def _tune(args):
     window = slm.PatternWindow(min(width, height), hologram.pitch, wavelength, calibration.bits)
     phase = replace(phase, data=np.array(phase.data))  # Windows does not replace mapped files
     try:
-        with _bench(args, window, planes, distances, size=(width, height)) as capture:
+        with _bench(args, window, planes, distances, (width, height), light) as capture:
             tuned = pipeline.phases_by_card(
                 lambda data: slm.tune(
                     replace(phase, data=data),
@@ -683,7 +701,7 @@ def _tune(args):
 
 
 @contextmanager
-def _bench(args, window, planes, distances, size=None):
+def _bench(args, window, planes, distances, size=None, light=0):
     """Function ``capture(levels, distance)`` of `slm.calibrate`, for levels of the window or of that size."""
     if not 0 <= args.settle < math.inf:
         raise engine.InvalidInput(f"Expected a --settle of 0 s or more, got {args.settle:g} s.")
@@ -707,7 +725,7 @@ def _bench(args, window, planes, distances, size=None):
     mover = None if planes is None else own or slm.Controller(args.port, args.baud)
     with ExitStack() as stack:
         file = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "capture.png"
-        stills = stack.enter_context(slm.Stills(driver, args.packing))
+        stills = stack.enter_context(slm.Stills(driver, args.packing, light))
         if mover is not None and mover is not own:
             stack.callback(mover.close)
             mover.open()

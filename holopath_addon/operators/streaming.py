@@ -38,6 +38,8 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
         """Prepare the stream; `endless`: whether 0 loops mean no end, rather than one loop."""
         device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
+        for note in sequence.notes:
+            self.report({"WARNING"}, note)
         driver, trigger = device_properties.driver_of(device, sequence), None
         port = device.port, device.baud
         if device.driver == "serial":
@@ -232,7 +234,7 @@ class HOLOPATH_OT_store_plane(ModalOperator, bpy.types.Operator):
         planes.with_position(number, 0)  # raises if there is no such plane
 
         def store(job, progress):
-            position = devices.controller(*port).position()
+            position = devices.controller(*port).resting_position()
             planes.with_position(number, position).save(path)
             return number, position
 

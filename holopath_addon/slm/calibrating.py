@@ -167,13 +167,26 @@ def calibrate(
                 f"The bench changed between captures {change[0] + 1} and {change[1] + 1}: the same picture differs by "
                 f"{change[2]:.1f} times its noise. Let the bench settle, and calibrate again."
             )
+    extremes = {float(extreme(each.picture)) for each in captures for extreme in (np.min, np.max)}
+    if len(extremes) == 1:
+        raise InvalidInput(
+            f"Expected captures of patterns, got {count} that are {extremes.pop():g} everywhere. Check the light "
+            "source, the camera's exposure, and that it sees the SLM."
+        )
     start = nominal_setup(window, distances, captures[0].picture.shape, view)
     progress = stage(progress, CAPTURE_FRACTION, 1.0)
     result = fit(captures, start, shape, window.pitch, window.bits, progress)
     if result.explained < MIN_EXPLAINED:
         raise InvalidInput(
             f"The model explains only {result.explained:.0%} of the pictures' variance. Check the foci, the pitch, the "
-            "wavelength, and --view."
+            "wavelength, --view, and that the camera's values are linear in light."
+        )
+    gamma = result.setup.sensor.gamma
+    bounds = next(row.bounds for row in result.parameters if row.name == "gamma")
+    if any(math.isclose(gamma, bound) for bound in bounds):
+        raise InvalidInput(
+            f"Expected captures that are linear in light, got the exponent {gamma:.3g}, where the fit's range ends. "
+            "Switch gamma, tone curves and HDR of the camera off, or capture its raw values."
         )
     return result
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import os
@@ -34,6 +35,19 @@ MAX_SIDE = 1 << 15  # pixels
 FIT_TOLERANCE = 3e-9  # meters from the wavelength of a fitted model, within which it holds
 MAX_CORRECTION = float(1 << 20)  # radians, which float32 resolves to a hundredth of a turn
 SAME_WAVELENGTH = 0.5e-9  # meters between wavelengths that count as one
+# Keys of the file, and of the objects within it by their names
+KEYS = {
+    "the file": (
+        *("format", "format_version", "device", "bits", "size", "flip_x", "flip_y", "shift", "falling"),
+        *("responses", "correction", "variation", "displays"),
+    ),
+    "responses": ("wavelength_nm", "range", "curve", "file"),
+    "correction": ("file", "wavelength_nm"),
+    "variation": ("file",),
+    "displays": (*DisplayModel(5e-7).to_dict(), "camera"),
+    "camera": ("size", "gain", "black", "gamma", "homographies"),
+    "homographies": ("focus_mm", "matrix"),
+}
 
 
 def _scale(reference, wavelength):
@@ -577,6 +591,7 @@ def _calibration(path: Path) -> Iterator[dict]:
             raise ValueError("expected a JSON object")
         if data["format"] != FORMAT or data.get("format_version", 1) != FORMAT_VERSION:
             raise ValueError("another format, or a newer version")
+        _check_keys(data)
         yield data
     except InvalidInput as error:
         raise InvalidInput(f"The calibration {path}: {error}") from None
@@ -587,6 +602,19 @@ def _calibration(path: Path) -> Iterator[dict]:
         raise InvalidInput(
             f"The calibration {path} cannot be read ({reason}). See docs/slm.md for its format."
         ) from None
+
+
+def _check_keys(entries, place="the file"):
+    """Refuse keys that nothing reads, as misspelled ones would be ignored."""
+    for key, value in entries.items():
+        if key not in KEYS[place]:
+            near = next(iter(difflib.get_close_matches(key, KEYS[place], 1)), None)
+            remedy = f"Write {near}, or remove it" if near else "Remove it"
+            known = ", ".join(KEYS[place])
+            raise InvalidInput(f"Expected keys of {place} ({known}), got {key[:40]!r}. {remedy}.")
+        for each in value if isinstance(value, list) else [value]:
+            if key in KEYS and isinstance(each, dict):
+                _check_keys(each, key)
 
 
 def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:

@@ -136,6 +136,30 @@ class Sequence:
         return width * columns, height * rows
 
     @property
+    def notes(self) -> list[str]:
+        """Sentences on what the user may have overlooked."""
+        own, notes = self.calibration, []
+        keys = "measured_levels", "display_model"
+        has_any = own.responses or own.correction is not None or own.variation is not None
+        if not has_any and any(each.report.get(key) for each in self.holograms for key in keys):
+            notes.append(
+                "The phases are for the levels of a calibrated device, and are shown without its calibration. Give "
+                "the one that they were encoded with (--calibration, in Blender Calibration)."
+            )
+        nanometers = [w * 1e9 for w in self.holograms[0].hologram.wavelengths]
+        count = len(nanometers)
+        if self.packing == "color" and count > 1:
+            colors = {"R": "red", "G": "green", "B": "blue"}
+            where = ", ".join(
+                f"{nanometers[k % count]:g} nm in {colors[c]}" for k, c in enumerate(self.order)
+            )
+            if count != 3:
+                notes.append(f"Channels have no wavelength of their own: the first picture has {where}.")
+            elif nanometers != sorted(nanometers, reverse=True):
+                notes.append(f"Pictures have {where}, in the order of the hologram's wavelengths.")
+        return notes
+
+    @property
     def _pixels(self):
         """Width and height of the device: the calibration's, else the hologram's."""
         hologram = self.holograms[0].hologram

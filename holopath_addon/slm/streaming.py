@@ -42,6 +42,8 @@ class Stills:
         Opened on entry and closed on exit.
     packing : str
         Packing of the device's pictures, see `packing_of`. Several holograms in a picture are all the same.
+    light : int
+        Index of the light source that a controller switches on.
 
     Raises
     ------
@@ -49,8 +51,9 @@ class Stills:
         If there is no such packing.
     """
 
-    def __init__(self, driver: Driver, packing: str = "time") -> None:
+    def __init__(self, driver: Driver, packing: str = "time", light: int = 0) -> None:
         self._driver, self._numbers, self._reports = driver, count(), SimpleQueue()
+        self._light = light
         self._packing, self._kind = packing, packing_of(packing)
 
     def __enter__(self) -> Self:
@@ -89,7 +92,9 @@ class Stills:
             raise InvalidInput(f"Expected levels of {info.bits} bits for {info.name}, got {bits}.")
         (rows, columns), (across, down) = levels.shape, kind.grid
         whole = place_in_center(levels, (info.width // across or columns, info.height // down or rows), bits)
-        picture = Picture(pack([whole] * kind.each, self._packing), number, ((0, 0),) * kind.each, bits)
+        picture = Picture(
+            pack([whole] * kind.each, self._packing), number, ((0, self._light),) * kind.each, bits
+        )
         until = time.monotonic() + STILL_TIMEOUT
         while not self._send(number, picture):
             if time.monotonic() > until:

@@ -86,6 +86,13 @@ def test_bits_of_channels(device, phase):
     assert len(wavelengths) == 2 and level.dtype == np.uint16 and level.max() > 4000
 
 
+def test_phases_of_a_calibrated_device_without_its_calibration(device, phase, capfd):
+    phase.report["measured_levels"] = True
+    device.driver = "virtual"
+    assert bpy.ops.holopath.stream() == {"FINISHED"}
+    assert "The phases are for the levels of a calibrated device" in capfd.readouterr().out
+
+
 def test_files(device, tmp_path):
     device.driver = "files"
     with pytest.raises(RuntimeError, match="No folder"):

@@ -1,6 +1,7 @@
 """A display and a camera that are off in everything, found from captures of known patterns."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -259,9 +260,27 @@ def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
     assert len(slm.Calibration.load(tmp_path / "my.json").display([640e-9, 520e-9])) == 2
 
 
+@pytest.mark.parametrize("light", [None, 2])
+def test_the_light_of_a_controller(light, tmp_path, capsys):
+    """Each pattern names it; the camera fails at the first."""
+    pytest.importorskip("termios", reason="There are ptys on Unix alone.")
+    from tests.slm.device import Board, Firmware
+
+    slm.FocusPlanes((slm.Plane(5e-4, 0), slm.Plane(1e-3, 5))).save(tmp_path / "planes.json")
+    with Board(Firmware()) as board:
+        words = ["--driver", "serial", "--port", board.path, "--focus-planes", str(tmp_path / "planes.json")]
+        words += ["--light", str(light)] * (light is not None)
+        words += ["--camera", f"'{sys.executable}' -c 'raise SystemExit(1)' {{file}}", "--settle", "0"]
+        assert cli.main([*WORDS, "--out", str(tmp_path / "my.json"), *words]) == 2
+    assert "took no picture" in capsys.readouterr().err
+    assert [shown[3] for shown in board.firmware.shown] == [light or 0]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        (["--light", "-1"], "from 0 to 255, got -1"),
+        (["--light", "1"], "--light would have no effect here. Add --driver serial"),
         (["--out", "my.txt"], "Expected a .json file for the calibration"),
         (["--window", "4"], "16 to 512"),
         (["--captures", "10"], "ten captures at each"),
@@ -293,3 +312,32 @@ def test_a_camera_that_sees_nothing_is_refused(monkeypatch):
         rng = np.random.default_rng(0)
         first = rng.random((22, 22))
         slm.calibrate(lambda levels, z: first, slm.PatternWindow(16, PITCH, GREEN), (1e-3, 2e-3), count=20)
+
+
+def test_a_camera_in_the_dark_is_refused():
+    with pytest.raises(engine.InvalidInput, match="got 20 that are 0 everywhere. Check the light source"):
+        slm.calibrate(
+            lambda levels, z: np.zeros((22, 22)), slm.PatternWindow(16, PITCH, GREEN), (1e-3, 2e-3), count=20
+        )
+
+
+@pytest.mark.parametrize("end", [0, 1, None])
+def test_a_camera_whose_values_are_not_linear_is_refused(end, monkeypatch):
+    """The fit's exponent ends at a bound."""
+    window = slm.PatternWindow(16, PITCH, GREEN)
+    setup, rows = start_of(window), parameters(start_of(window))
+    bounds = next(row.bounds for row in rows if row.name == "gamma")
+    gamma = 1.1 if end is None else bounds[end]
+    setup = replace(setup, sensor=replace(setup.sensor, gamma=gamma))
+    result = slm.FitResult(setup, rows, vector(setup), np.zeros(len(rows)), 0.1, 0.9)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.fit", lambda *_: result)
+    first = np.random.default_rng(0).random((22, 22))
+
+    def calibrated():
+        return slm.calibrate(lambda levels, z: first, window, (1e-3, 2e-3), count=20)
+
+    if end is None:
+        assert calibrated() is result
+        return
+    with pytest.raises(engine.InvalidInput, match="linear in light, got the exponent"):
+        calibrated()

@@ -550,6 +550,12 @@ def test_pictures_that_are_no_correction(tmp_path):
     ("data", "says"),
     [
         ({"format": "another"}, "another format"),
+        ({"faling": True}, r"keys of the file \(.*\), got 'faling'. Write falling, or remove it"),
+        ({"responses": [{"wavelength_nm": 532, "rnage": 0.9}]}, "keys of responses .*'rnage'. Write range"),
+        ({"correction": {"file": "map.npy", "wavelength": 633}}, "keys of correction .*Write wavelength_nm"),
+        ({"variation": {"map": "map.npy"}}, "keys of variation .*got 'map'. Remove it"),
+        ({"displays": [{"wavelength_nm": 532, "crostalk": 0.2}]}, "Write crosstalk"),
+        ({"displays": [{"wavelength_nm": 532, "camera": {"gian": 1}}]}, "keys of camera .*Write gain"),
         ({"format_version": 2}, "newer"),
         ({"bits": 99}, "1 to 16"),
         ({"size": [1, 2, 3]}, "cannot be read"),

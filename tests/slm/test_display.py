@@ -27,8 +27,9 @@ from holopath_addon.slm import (
     monitors,
     stream,
 )
-from holopath_addon.slm.drivers import display
+from holopath_addon.slm.drivers import display, display_window
 from holopath_addon.slm.drivers.display import choose
+from holopath_addon.slm.drivers.display_window import Refresh
 from tests.monitors import FIRST, SECOND
 from tests.patience import NEVER, SOON
 
@@ -195,6 +196,66 @@ def test_sixty_a_second(two_monitors):
     assert 0.9 < time.monotonic() - start < SOON
     assert sorted(reports.what) == list(range(60))
     assert Counter(reports.what.values())["dropped"] < 60  # how many are in time is the machine's doing
+
+
+class Clock:
+    """Time that passes while a presentation waits for the monitor, or a program sleeps."""
+
+    def __init__(self, rate):
+        self.now, self.rate, self.waits, self.queued = 100.0, rate, True, 0
+
+    def perf_counter(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += max(seconds, 1e-5)
+
+    def present(self):
+        if not self.waits:
+            self.now += 1e-4
+        elif self.queued:  # a graphics card takes them at once
+            self.queued -= 1
+        else:
+            self.now = (int(self.now * self.rate + 1e-6) + 1) / self.rate
+
+
+def test_a_monitor_that_stops_waiting(monkeypatch, capsys):
+    """Behind a lock screen presentations return at once: the window goes on by the clock."""
+    clock = Clock(60.0)
+    monkeypatch.setattr(display_window, "time", clock)
+    refresh = Refresh(clock.present, 60.0, True)
+    for _ in range(100):
+        refresh.next()
+    clock.now += 0.1  # six refreshes late, after which the card's queue is empty
+    clock.queued = 3
+    for _ in range(100):
+        refresh.next()
+    assert refresh.waits and capsys.readouterr().out == ""
+    start, first, clock.waits = clock.now, refresh.count, False
+    for _ in range(300):
+        refresh.next()
+    assert clock.now - start == pytest.approx((refresh.count - first) / 60, abs=5 / 60)
+    assert not refresh.waits and capsys.readouterr().out == '{"event": "clock"}\n'
+
+
+def test_the_parent_of_a_window_that_stops_waiting():
+    window = object.__new__(display._Window)
+    window._geometry = "1920x1080+0+0"
+    window._receive({"event": "ready", "rate": 60.0, "waits": True, "renderer": "opengl"})
+    assert window.note == "1920x1080+0+0, 60 pictures a second, in step with the monitor (opengl)"
+    window._receive({"event": "clock"})
+    assert "by the clock" in window.note
+
+
+@pytest.mark.parametrize(
+    ("nominal", "rate", "waits"),
+    [(60, 59.94, True), (29, 29.97, True), (23, 23.976, True), (60, 62, False), (144, 60, False)],
+)
+def test_rates_that_the_system_rounds(nominal, rate, waits, monkeypatch):
+    clock = Clock(rate)
+    monkeypatch.setattr(display_window, "time", clock)
+    refresh = Refresh(clock.present, float(nominal), True)
+    assert refresh.waits == waits and refresh.rate == pytest.approx(rate if waits else nominal)
 
 
 def test_rate_below_the_monitors(two_monitors):

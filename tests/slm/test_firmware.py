@@ -293,7 +293,7 @@ def test_handshake_and_messages_on_a_clean_line(start, raw_pty, longest):
         lines = send(link, messages(1), 300)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
     assert min(counts(lines)) > 80
 
 
@@ -307,7 +307,7 @@ def test_messages_on_a_noisy_line(start, cable, longest, count):
         lines = send(link, messages(2), count)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
     assert link.resent and all(min(noise.counts.values()) > 5 for noise in line.noise)
 
 
@@ -382,7 +382,7 @@ def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
         lines += send(link, stream, 20)
         link.status()
     assert process.log() == lines
-    assert (link.frames, link.triggers) == counts(lines)
+    assert (link.frames, link.triggers) == counts(lines) and link.refused == 0
 
 
 def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
@@ -404,7 +404,7 @@ def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
         logs.append(process.log())
         termios.tcflush(line.far_slave, termios.TCIFLUSH)  # what it had not read is gone with it
         line.mend()
-    assert link.frames == counts(logs[-1])[0]
+    assert link.frames == counts(logs[-1])[0] and link.refused == 0
     done = 0
     for log in logs:
         begins = [
@@ -756,3 +756,16 @@ def test_sketch_switches_the_laser_of_a_frame(compiler, sketch):
     assert [level for level, _ in pins[5]] == [1]
     assert pins[7][0][1] < pins[5][0][1]
     assert 6 not in pins
+
+
+def test_sketch_switches_lasers_off_without_the_computer(compiler, sketch):
+    """They stay on while it asks, go off when it is silent, and when a new stream begins."""
+    pixels, pause = bytes(8), bytes(600)  # 52 ms
+    data = hello(1, 5) + frame(0, 1, pixels, 4, 2, color=2) + part(1, 0, pixels)
+    data += (pause + encode(STATUS, 1, 0)) * 4 + 5 * pause + encode(STATUS, 1, 0)
+    data += frame(2, 2, pixels, 4, 2, color=0) + part(3, 0, pixels) + hello(2, 5) + hello(3, 6)
+    _, pins = run_board(compiler, sketch(WIDTH=4, HEIGHT=2, LASER_TIMEOUT=100), data)
+    (on, begin), (off, end) = pins[7]
+    assert (on, off) == (1, 0) and 300e3 < end - begin < 330e3  # four pauses, then the timeout
+    assert [level for level, _ in pins[5]] == [1, 0] and 6 not in pins
+    assert pins[5][1][1] - pins[5][0][1] < 10e3  # not by the timeout

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
 from holopath_addon import cli, engine
-from holopath_addon.slm import Controller, FocusPlanes, Plane, sweep
+from holopath_addon.slm import Controller, DeviceLost, FocusPlanes, Plane, sweep
+from holopath_addon.slm.drivers import controller as controller_module
 from tests.patience import SOON
 from tests.slm.device import Board, Firmware
 from tests.slm.refusals import refused
@@ -305,8 +306,46 @@ def test_stopped_while_it_moves():
         with pytest.raises(engine.Cancelled):
             controller.focus(1000, stop)
         assert time.monotonic() - start < SOON  # of 100
-        assert 0 <= controller.position() < 100  # usable as before
+        assert 0 <= controller.resting_position() < 100  # usable as before
+        assert board.firmware.positions == [1000, controller.position()]  # the motor does not go on
         controller.close()
+
+
+def test_a_motor_that_never_arrives(monkeypatch):
+    monkeypatch.setattr(controller_module, "FOCUS_TIMEOUT", 0.05)
+    with Board(Motor(speed=10)) as board:
+        controller = Controller(board.path)
+        with pytest.raises(DeviceLost, match="has not arrived"):
+            controller.focus(1000)
+        assert len(board.firmware.positions) == 2 and controller.resting_position() < 100
+        controller.close()
+
+
+def test_a_motor_that_is_lost_on_its_way(monkeypatch):
+    """The first error is said, and nothing waits for the device to come back."""
+    monkeypatch.setattr("holopath_addon.slm.drivers.link.PATIENCE", 0.3)
+
+    def unplug(position):
+        board.mute = True
+
+    with Board(Motor(speed=10)) as board:
+        controller = Controller(board.path)
+        with pytest.raises(DeviceLost, match="has not answered"):
+            controller.focus(1000, unplug)
+        board.mute = False
+        controller.position()
+        assert board.firmware.positions == [1000]
+        controller.close()
+
+
+def test_no_position_is_stored_while_the_motor_moves(tmp_path, capfd):
+    """By the command; Blender asks the same function."""
+    motor = Motor(speed=10)
+    motor.target, motor.arrival = 1000, time.monotonic() + 100
+    with Board(motor) as board:
+        status = command(board, "--focus-planes", tmp_path / "planes.json", "--store", 1)
+    said_in_one_line(capfd, status, "The focus still moves, now at .*Wait until it has stopped")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("position", [2**31, -(2**31) - 1])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, stream
-from holopath_addon.slm.drivers import controller
+from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, Stills, stream
+from holopath_addon.slm.drivers import controller, serial_device
 from holopath_addon.slm.drivers import link as link_module
 from tests.patience import NEVER, SOON
 from tests.slm.device import Board, Firmware
@@ -108,6 +108,34 @@ def test_focus_after_the_port_is_back(tmp_path):
     assert firmware.positions == [100, 400]
 
 
+@pytest.mark.parametrize("restart", [False, True])
+def test_focus_after_a_restart(restart, tmp_path):
+    """A controller that restarted forgot where it is, which is said once; another program's stream is no restart."""
+    firmware, port = Firmware(), tmp_path / "port"
+    board = Board(firmware)
+    port.symlink_to(board.path)
+    controller, other = Controller(str(port), 1000000), Controller(str(port), 1000000)
+    controller.focus(100)
+    board.unplug()
+    port.unlink()
+    with pytest.raises(DeviceLost):
+        controller.position()
+    if restart:
+        firmware.restart()
+    with Board(firmware) as board:
+        port.symlink_to(board.path)
+        other.position()
+        other.close()
+        if restart:
+            assert controller.position() == 0
+            with pytest.raises(engine.InvalidInput, match="has restarted.*it says 0, and was at 100"):
+                controller.focus(200)
+            assert firmware.positions == [100]
+        controller.focus(200)
+        controller.close()
+    assert firmware.positions == [100, 200]
+
+
 def test_patience_with_a_lost_trigger(sequence):
     """Pictures without their pulses are no progress."""
 
@@ -177,3 +205,18 @@ def test_lost_when_all_was_shown(sequence):
     device = Device()
     counts = stream(sequence, device, 200, 1, patience=SOON)
     assert device.shown == list(range(8)) and counts.reconnected == 1
+
+
+def test_a_device_hears_from_the_computer_while_a_picture_is_held(monkeypatch):
+    """Otherwise it would switch the laser off; nothing is sent once the driver is closed."""
+    monkeypatch.setattr(serial_device, "KEEP_ALIVE", 0.05)
+    with Board(Firmware()) as board, Stills(SerialDriver(board.path)) as stills:
+        stills.show(np.zeros((4, 4), np.uint8), 8)
+        before, end = board.received, time.monotonic() + SOON
+        while board.received < before + 5 * 12:  # five times STATUS
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        stills.__exit__()
+        after = board.received
+        time.sleep(0.2)
+        assert board.received == after

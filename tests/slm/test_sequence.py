@@ -5,6 +5,7 @@ import math
 import weakref
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,6 +104,31 @@ def test_eight_frames_in_threes_take_eight_pictures():
     sequence = made(frames=8, wavelengths=1, packing="color")
     assert len(sequence) == 8
     assert [part[0] for part in sequence.picture(2).parts] == [6, 7, 0]
+
+
+@pytest.mark.parametrize(
+    ("nanometers", "order", "note"),
+    [
+        ((640, 520, 455), "RGB", None),
+        ((640,), "RGB", None),
+        ((455, 520, 640), "RGB", "Pictures have 455 nm in red, 520 nm in green, 640 nm in blue"),
+        ((455, 520, 640), "GRB", "Pictures have 455 nm in green, 520 nm in red, 640 nm in blue"),
+        ((640, 520), "RGB", "the first picture has 640 nm in red, 520 nm in green, 640 nm in blue"),
+    ],
+)
+def test_which_wavelength_is_in_which_channel(nanometers, order, note):
+    coded = hologram(1, len(nanometers))
+    coded = replace(coded, hologram=replace(coded.hologram, wavelengths=tuple(n * 1e-9 for n in nanometers)))
+    assert Sequence([coded]).notes == []
+    sequence = Sequence([coded], packing="color", order=order)
+    if note is None:
+        assert sequence.notes == []
+        return
+    assert note in sequence.notes[0]
+    pixels, parts = sequence.picture(0).pixels[0, 0], sequence.picture(0).parts
+    for channel, color in enumerate(("red", "green", "blue")):
+        k = next(k for _, k in parts if pixels[channel] == code(0, 0, k))
+        assert f"{nanometers[k]} nm in {color}" in note
 
 
 @pytest.mark.parametrize("packing", ["time", "color"])

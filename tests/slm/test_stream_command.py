@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -192,6 +193,24 @@ def test_calibration(folder, tmp_path):
     np.testing.assert_array_equal(read(tmp_path / "o" / "picture_000000.png"), expected)
 
 
+def test_phases_of_a_calibrated_device_without_its_calibration(tmp_path, capfd):
+    """A note says so, and none where it is there, or where no calibration was in the encoding."""
+    hologram = hologram_of(levels_of())
+    Calibration(responses=(Response(640e-9),)).save(tmp_path / "device.json")
+    words = [tmp_path / "out", "--driver", "virtual"]
+    for report, more, noted in (
+        ({"measured_levels": True}, ["--bits", "8"], True),
+        ({"display_model": True}, [], True),
+        ({"measured_levels": True}, ["--calibration", tmp_path / "device.json"], False),
+        ({"measured_levels": False, "display_model": False}, [], False),
+    ):
+        replace(hologram, report=report).save(tmp_path / "out" / "hologram")
+        assert run(*words, *more) == 0
+        described = capfd.readouterr().err
+        assert ("note: The phases are for the levels of a calibrated device" in described) == noted, report
+        assert ("--calibration" in described) == noted
+
+
 def test_animation(tmp_path):
     """Frame after frame, each twice; what else lies there does not matter."""
     frames = {2: levels_of(2), 9: levels_of(9), 10: levels_of(10), 10000: levels_of(4)}
@@ -282,11 +301,24 @@ def test_serial_with_triggers(board, folder):
     assert board.firmware.triggers == [(n, 250) for n in range(4)]
 
 
-def test_triggers_of_another_controller(board, folder, tmp_path):
+def test_triggers_of_another_controller(board, folder):
     """The pictures go elsewhere."""
-    words = ["--driver", "files", "--out", tmp_path / "o", "--port", board.path, "--trigger", "--quiet"]
+    words = ["--driver", "virtual", "--port", board.path, "--trigger", "--quiet"]
     assert run(folder, *words) == 0
     assert [number for number, _ in board.firmware.triggers] == [0, 1, 2, 3] and board.firmware.shown == []
+
+
+def test_a_device_that_shows_no_frames(folder, capfd):
+    """Its firmware takes them, and counts none."""
+
+    class Blind(Firmware):
+        def _do(self, kind, payload):
+            super()._do(kind, payload)
+            self.frames = min(self.frames, 2)
+
+    with Board(Blind(size=(WIDTH, HEIGHT))) as board:
+        status = run(folder, "--driver", "serial", "--port", board.path, "--loops", "1", "--quiet")
+    one_line(capfd, status, "device 'Test device' on .* has received picture 2, and does not show it")
 
 
 def test_larger_device(folder):
@@ -560,7 +592,7 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         ),
         (["{out}", "--driver", "serial", "--port", "{tmp}/none"], "none cannot be opened"),
         (["{out}", "--driver", "serial", "--port", "{tmp}/none", "--baud", "3"], "got 3"),
-        (["{out}", "--trigger", "--port", "{tmp}/none"], "none cannot be opened"),
+        (["{out}", "--driver", "virtual", "--trigger", "--port", "{tmp}/none"], "none cannot be opened"),
         (["{out}", "--out", "{tmp}/film"], "something other than a sequence"),
         (
             ["{out}", "--driver", "virtual", "--captures", "{tmp}/seen", "--focus-planes", "{tmp}/none"],
@@ -619,6 +651,7 @@ def test_files_for_micromirrors(folder, tmp_path):
         (["--out", "pictures"], "--out"),
         (["--driver", "virtual", "--kind", "raw"], "--kind"),
         (["--driver", "files", "--pulse", "5"], "--pulse"),
+        (["--driver", "files", "--trigger"], "--trigger"),
         (["--camera", "true"], "--camera"),
         (["--focus-planes", "planes.json"], "--focus-planes"),
         (["--driver", "files", "--order", "BGR"], "--order"),

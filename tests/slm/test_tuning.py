@@ -1,5 +1,6 @@
 """Phases that become better by what a camera sees of them, where the display's model is wrong."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -187,6 +188,27 @@ def test_refusals(says, bench):
     calibration, phase = REFUSED[says](calibration, phase)
     with pytest.raises(engine.InvalidInput, match=says):
         slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=1)
+
+
+def test_the_light_of_a_controller(bench, tmp_path):
+    """It is that of the wavelength's index in the hologram."""
+    pytest.importorskip("termios", reason="There are ptys on Unix alone.")
+    from tests.slm.device import Board, Firmware
+
+    _, calibration = bench
+    field = field_of()
+    colors = replace(field.hologram, wavelengths=(640e-9, GREEN, 450e-9))
+    field = replace(field, data=np.repeat(field.data, 3, 1), hologram=colors)
+    field.save(tmp_path / "out" / "wavefield")
+    engine.encode(field, "sgd", max_steps=1).save(tmp_path / "out" / "hologram")
+    calibration.save(tmp_path / "slm.json")
+    slm.FocusPlanes(tuple(slm.Plane(z, n) for n, z in enumerate(FOCI))).save(tmp_path / "planes.json")
+    words = ["tune", str(tmp_path / "out"), "--calibration", str(tmp_path / "slm.json"), "--driver", "serial"]
+    words += ["--wavelength", "520", "--focus-planes", str(tmp_path / "planes.json"), "--settle", "0"]
+    words += ["--camera", f"'{sys.executable}' -c 'raise SystemExit(1)' {{file}}"]
+    with Board(Firmware()) as board:
+        assert cli.main([*words, "--port", board.path]) == 2
+    assert [shown[3] for shown in board.firmware.shown] == [1]
 
 
 @pytest.mark.slow

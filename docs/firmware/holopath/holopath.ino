@@ -22,6 +22,7 @@ const uint32_t STEPS_PER_SECOND = 800;  // at most; there is no ramp, so what th
 
 const uint8_t LASER_PINS[] = {5, 6, 7};  // by the index of the wavelength; frames switch them
 const uint8_t LASER_ON = HIGH;
+const uint32_t LASER_TIMEOUT = 5000;  // milliseconds without the computer after which all go off
 
 const uint16_t WIDTH = 0, HEIGHT = 0;  // of the display; 0: none, and no frames are taken
 const uint8_t BITS = 8;                // of its pixels
@@ -56,7 +57,11 @@ public:
             step_begin_ = now;
             step();
         }
+        if (lit_ && uint32_t(uint32_t(millis()) - heard_) > LASER_TIMEOUT) light(NO_LASER);
     }
+
+    void begin_stream() override { light(NO_LASER); }
+    void heard() override { heard_ = uint32_t(millis()); }
 
     void trigger(uint32_t, uint32_t microseconds) override {
         if (pulse_on_) {  // two pulses are to be seen, not a longer one
@@ -86,8 +91,7 @@ public:
     void complete(uint32_t, uint8_t wavelength, bool right) override {
         if (!right) return;
         // YOUR DISPLAY: show that frame memory.
-        uint8_t index = 0;
-        for (uint8_t pin : LASER_PINS) digitalWrite(pin, index++ == wavelength ? LASER_ON : !LASER_ON);
+        light(wavelength);
     }
 
     // -----------------------------------------------------------------------------------------------------------------
@@ -95,6 +99,13 @@ public:
     void write(const uint8_t *data, size_t n) override { Serial.write(data, n); }
 
 private:
+    // Switch this laser on and the others off.
+    void light(uint16_t wavelength) {
+        uint16_t index = 0;
+        for (uint8_t pin : LASER_PINS) digitalWrite(pin, index++ == wavelength ? LASER_ON : !LASER_ON);
+        lit_ = wavelength != NO_LASER;
+    }
+
     static void set_up(uint8_t pin, uint8_t level) {
         digitalWrite(pin, level);
         pinMode(pin, OUTPUT);
@@ -116,8 +127,9 @@ private:
         at_ += forward ? 1 : -1;
     }
 
-    bool pulse_on_ = false;
-    uint32_t pulse_begin_ = 0, pulse_length_ = 0, step_begin_ = 0;
+    static const uint16_t NO_LASER = 256;
+    bool pulse_on_ = false, lit_ = false;
+    uint32_t pulse_begin_ = 0, pulse_length_ = 0, step_begin_ = 0, heard_ = 0;
     int32_t at_ = 0, target_ = 0;
 };
 

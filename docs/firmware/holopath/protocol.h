@@ -38,6 +38,8 @@ struct Handler {
     virtual int32_t position() = 0;
     virtual bool moving() = 0;
     virtual void write(const uint8_t *data, size_t n) = 0;  // to the computer
+    virtual void begin_stream() {}                          // a new one: switch all lasers off
+    virtual void heard() {}  // a packet has come; if none does for some seconds, switch them off, too
 
 protected:
     ~Handler() = default;  // not virtual: nobody deletes one, and AVR has no operator delete
@@ -133,10 +135,10 @@ private:
     }
 
     void take(uint8_t kind, uint8_t session, uint16_t sequence, const uint8_t *payload, size_t n) {
+        if (kind != Hello && (!greeted_ || session != session_)) return;  // sent before the last handshake
+        handler_.heard();
         if (kind == Hello) {
             hello(session, payload, n);
-        } else if (!greeted_ || session != session_) {
-            return;  // sent before the last handshake
         } else if (kind == Status) {
             report(false);
         } else if (kind >= Frame && kind <= Focus) {
@@ -162,6 +164,7 @@ private:
             expected_ = 0;
             frames_ = triggers_ = 0;
             receiving_ = goes_on_ = false;
+            handler_.begin_stream();
         } else if (session != session_) {
             if (uint8_t(session - session_) >= 128) return;  // has been under way for long
             goes_on_ = true;

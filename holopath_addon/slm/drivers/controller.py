@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from ...engine.errors import InvalidInput
@@ -131,6 +131,8 @@ class Controller:
 
         Raises
         ------
+        InvalidInput
+            If the device does not show it.
         DeviceLost
         """
         with self._lock:
@@ -139,6 +141,12 @@ class Controller:
                 self.link.frame(number, pixels, bits, wavelength)
             self.link.finish()
             self._sending = None
+            device = self.link.device
+            if self.link.refused and device is not None:
+                raise InvalidInput(
+                    f"The device '{device.name}' on {self.name} has received picture {number}, and does not show it. "
+                    f"Check whether its firmware takes {pixels.shape[1]} x {pixels.shape[0]} pixels of {bits} bits."
+                )
 
     def trigger(self, number: int, microseconds: int = 100) -> None:
         """Request a pulse, and wait until the device has the request; opens the port if needed.
@@ -165,6 +173,8 @@ class Controller:
     def focus(self, position: int, progress: Callable[[int], None] | None = None) -> None:
         """Move the focus, and wait until it has stopped; opens the port if needed.
 
+        A motion that is canceled, or takes too long, stops at the position that was reported last.
+
         Parameters
         ----------
         position : int
@@ -175,30 +185,45 @@ class Controller:
         Raises
         ------
         InvalidInput
-            If the device has no focus, or no motor such a position.
+            If the device has no focus, or no motor such a position. Once after a restart of the device, which forgets
+            its position.
         DeviceLost
         """
         if not -(2**31) <= position < 2**31:
             raise InvalidInput(f"Expected a motor position of 32 bits, got {position}.")
         self._ensure_open()
         self._require(Can.FOCUS, "focus commands")
+        lost, self.link.lost_position = self.link.lost_position, 0
+        if lost:
+            raise InvalidInput(
+                f"The controller has restarted and forgot its position: it says 0, and was at {lost}. Move the motor "
+                "to its zero by hand, or store the focus planes again, then go on."
+            )
         end = time.perf_counter() + FOCUS_TIMEOUT
+        try:
+            self._send_focus(int(position))
+            while True:
+                where = self.position()
+                if not self.link.moving:
+                    return
+                if progress is not None:
+                    progress(where)
+                if time.perf_counter() > end:
+                    raise DeviceLost(
+                        f"The focus has not arrived after {FOCUS_TIMEOUT:g} s. Check whether the motor is blocked."
+                    )
+                time.sleep(0.02)
+        except BaseException:
+            with suppress(DeviceLost):  # the motor would go on
+                self._send_focus(self.link.position)
+            raise
+
+    def _send_focus(self, position):
         with self._lock, self._closing():
             try:
-                self.link.focus(int(position))
+                self.link.focus(position)
             finally:  # otherwise a device that comes back later would still move
                 self.link.forget(Kind.FOCUS)
-        while True:
-            where = self.position()
-            if not self.link.moving:
-                return
-            if progress is not None:
-                progress(where)
-            if time.perf_counter() > end:
-                raise DeviceLost(
-                    f"The focus has not arrived after {FOCUS_TIMEOUT:g} s. Check whether the motor is blocked."
-                )
-            time.sleep(0.02)
 
     def position(self) -> int:
         """Current position of the focus in the device's own steps."""
@@ -206,6 +231,33 @@ class Controller:
         with self._lock, self._closing():
             self.link.status()
             return self.link.position
+
+    def resting_position(self) -> int:
+        """Current position of the focus, which must not move: one to store.
+
+        Raises
+        ------
+        InvalidInput
+            If the focus moves.
+        DeviceLost
+        """
+        position = self.position()
+        if self.link.moving:
+            raise InvalidInput(
+                f"The focus still moves, now at {position}. Wait until it has stopped, then store its position."
+            )
+        return position
+
+    def keep_alive(self, silence: float) -> None:
+        """Ask the device for a report if there was none for some seconds, while the port is open.
+
+        Raises
+        ------
+        DeviceLost
+        """
+        with self._lock:
+            if self._port is not None and self.link.silence > silence:
+                self.link.status()
 
     def _ensure_open(self):
         if self._port is None:

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections import OrderedDict, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -172,8 +172,7 @@ class DisplayDriver:
         ready = self._window.ready()
         self.info = Info(
             monitor.name, monitor.width, monitor.height, rate=ready["rate"], drops=True, channels=3,
-            note=f"{monitor.geometry}, {ready['rate']:.4g} pictures a second, "
-            f"{'in step with the monitor' if ready['waits'] else 'by the clock'} ({ready['renderer']})",
+            note=self._window.note,
         )  # fmt: skip
 
     def _monitor(self):
@@ -196,6 +195,8 @@ class DisplayDriver:
                 f"{pixels.shape[1]} x {pixels.shape[0]} of {8 * pixels.itemsize} bits. Give the monitor's calibration."
             )
         assert self._window is not None  # `open` comes first
+        if self.info.note != self._window.note:
+            self.info = replace(self.info, note=self._window.note)
         return self._window.give(number, picture)
 
     def close(self, finish: bool = False) -> bool | None:
@@ -230,6 +231,7 @@ class _Window:
         self._on_picture, self._changed = on_picture, threading.Condition()
         self._in_flight, self._room = deque(), min(MAX_QUEUED, count - 1)
         self._ready: dict = {}
+        self._geometry = monitor.geometry
         self._trouble: Exception | None = None
         self._ending = self._end = False
         self._last_event, self._patience = time.perf_counter(), START_TIMEOUT
@@ -265,6 +267,13 @@ class _Window:
         with contextlib.suppress(OSError):  # Windows cannot delete a mapped file
             os.unlink(self._path)
         return self._ready
+
+    @property
+    def note(self):
+        """The monitor's geometry, the rate, and what keeps time at the moment."""
+        ready = self._ready
+        clock = "in step with the monitor" if ready["waits"] else "by the clock"
+        return f"{self._geometry}, {ready['rate']:.4g} pictures a second, {clock} ({ready['renderer']})"
 
     def give(self, number, picture):
         """Order a picture to be shown; False if the queue is full."""
@@ -357,6 +366,8 @@ class _Window:
             return number, event
         if event == "ready":
             self._ready = report
+        elif event == "clock":
+            self._ready["waits"] = False
         elif event == "end":
             self._end = True
         elif event == "trouble":

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     import sdl2  # `main` imports it from a given folder
 
 TRIES = 20  # presentations that show whether the window waits for the monitor
+MAX_DEVIATION = 0.02  # of the monitor's rate from the nominal one, as a fraction
+MAX_AHEAD = 3.0  # refreshes by which presentations may be early: a graphics card queues that many
+EARLY = (
+    10  # presentations in a row that are too early, after which the window no longer waits for the monitor
+)
 PRELOAD = 6  # pictures to have before the first is shown
 PATIENCE = 0.2  # seconds to wait for them
 IN_MEMORY = {b"dummy", b"offscreen", b"evdev"}  # drivers of SDL that show nothing on a screen
@@ -110,9 +115,10 @@ class Refresh:
         gaps = sorted(b - a for a, b in zip(times[4:], times[5:], strict=False))
         middle = gaps[len(gaps) // 2] if gaps else 0.0
         even = sum(abs(gap - middle) < 0.1 * middle for gap in gaps) > 0.8 * len(gaps)
-        self.waits = even and abs(middle * nominal - 1) < 0.02
+        # Windows rounds rates down: 29 is 29.97, and 23 is 23.976
+        self.waits = even and abs(middle * nominal - 1) < max(MAX_DEVIATION, 1.05 / nominal)
         self.rate = 1 / middle if self.waits else nominal
-        self.count = 0
+        self.count = self._early = 0
         self._start = time.perf_counter()
 
     def next(self) -> None:
@@ -121,6 +127,14 @@ class Refresh:
         now = (time.perf_counter() - self._start) * self.rate
         if self.waits:
             self.count = max(self.count + 1, round(now))
+            if self.count - now > MAX_AHEAD:  # nothing waits where the screen is locked or the window covered
+                time.sleep((self.count - now - MAX_AHEAD) / self.rate)
+                self._early += 1
+                if self._early == EARLY:
+                    self.waits = False
+                    report(event="clock")
+                return
+            self._early = 0
             # the monitor's clock differs from this computer's: follow it slowly
             self._start += 0.05 * (now - self.count) / self.rate
             return

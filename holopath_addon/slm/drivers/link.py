@@ -114,6 +114,8 @@ class Link:
         Last reported position of the focus.
     moving : bool
         Whether the focus moved at the last report.
+    lost_position : int
+        Position of the focus before the device restarted, which forgets it; else 0.
     resent : int
         Number of packets that were sent again.
     """
@@ -135,6 +137,8 @@ class Link:
         self._last_answer = self._last_advance = self._last_retry = 0.0
         self.device = None
         self.frames = self.triggers = self.position = self.resent = 0
+        self.lost_position = 0
+        self._complete = 0  # frames that the device accepted in this stream
         self.moving = False
 
     def connect(self, port: serial.Serial, patience: float = START_PATIENCE) -> None:
@@ -210,6 +214,16 @@ class Link:
             return False
 
         self._pump(has_answered)
+
+    @property
+    def refused(self) -> int:
+        """Number of frames that the device has accepted in full, but not shown."""
+        return self._complete - self.frames
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the device's last answer."""
+        return time.perf_counter() - self._last_answer
 
     def finish(self) -> None:
         """Wait until the device has accepted everything."""
@@ -351,7 +365,10 @@ class Link:
         if self._resumes:
             self._advance(count)
         else:
-            self.triggers = 0
+            self.triggers, self._complete = 0, frames
+            # other programs begin a stream, too, but the device then knows where the focus is
+            if position == 0 and self.position:
+                self.lost_position = self.position
         self._expected = expected
         self.frames, self.position = frames, position
         self._max_payload = max(MIN_PAYLOAD, min(max_payload, packets.MAX_PAYLOAD))
@@ -376,7 +393,7 @@ class Link:
                 self._trip += 0.125 * (now - packet.written - self._trip)
                 self._clean += 1
             while self._messages and self._messages[0].accepted == self._messages[0].steps:
-                self._messages.popleft()
+                self._complete += self._messages.popleft().kind == Kind.FRAME
         self._expected = (self._expected + count) % SEQUENCES
         if (
             self._clean >= 32 and self._trip < PACKET_SECONDS

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ...engine.errors import InvalidInput
 from ..driver import Info
+from ..errors import DeviceLost
 from .controller import BAUD, Controller
 from .packets import Can
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from ..driver import Picture
 
 MAX_PIXELS = 1 << 26
+KEEP_ALIVE = 1.0  # seconds of silence: without the computer a device switches its lasers off after some
 
 
 class SerialDriver:
@@ -37,6 +41,8 @@ class SerialDriver:
     def __init__(self, port: str | None = None, baud: int = BAUD) -> None:
         self.controller = Controller(port, baud)
         self.info = Info("serial")
+        self._closed = threading.Event()
+        self._keeper: threading.Thread | None = None
 
     def open(self, rate: float | None, on_picture: Callable[[int, str], None]) -> None:
         """Open the port and shake hands; see `Driver`."""
@@ -58,6 +64,21 @@ class SerialDriver:
         self.info = Info(
             device.name, device.width, device.height, device.bits, note=f"on {self.controller.name}"
         )
+        self._stop_keeping()
+        self._closed.clear()
+        self._keeper = threading.Thread(target=self._keep_alive, name="HoloPath device", daemon=True)
+        self._keeper.start()
+
+    def _keep_alive(self):
+        while not self._closed.wait(KEEP_ALIVE / 2):
+            with suppress(DeviceLost):  # the next picture is told
+                self.controller.keep_alive(KEEP_ALIVE)
+
+    def _stop_keeping(self):
+        self._closed.set()
+        if self._keeper is not None:
+            self._keeper.join()
+            self._keeper = None
 
     def show(self, number: int, picture: Picture) -> None:
         """Send a picture, and return when the device has all of it; see `Driver`."""
@@ -65,4 +86,5 @@ class SerialDriver:
 
     def close(self, finish: bool = False) -> None:
         """Close the port; see `Driver`."""
+        self._stop_keeping()
         self.controller.close()
