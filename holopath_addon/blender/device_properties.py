@@ -189,6 +189,11 @@ def has_order(device):
     return device.packing not in ("time", BIT_LAYOUT[0]) and slm.PACKINGS[device.packing].layout is None
 
 
+def has_trigger(device):
+    """Whether pictures of a device give pulses; files show none."""
+    return device.trigger and device.driver != "files"
+
+
 def sequence_of(device, phase):
     """Sequence of a hologram for a device.
 

@@ -45,7 +45,7 @@ class HOLOPATH_OT_stream(LongModal, bpy.types.Operator):
         if device.driver == "serial":
             devices.release()  # a port can be opened once
             devices.current.port = port
-        if device.trigger:
+        if device_properties.has_trigger(device):
             controller = getattr(driver, "controller", None) or devices.controller(*port)
             pulse = device.pulse
 

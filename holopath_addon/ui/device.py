@@ -3,7 +3,7 @@
 from bpy.types import Context, UILayout
 
 from ..blender import properties
-from ..blender.device_properties import BIT_LAYOUT, HoloPathDevice, has_order
+from ..blender.device_properties import BIT_LAYOUT, HoloPathDevice, has_order, has_trigger
 from ..operators import devices
 from .text import alert, wrapped
 
@@ -29,9 +29,10 @@ def device(layout: UILayout, context: Context) -> None:
         column.prop(props, "rate", text="Rate (Hz)")
         if props.driver != "virtual":
             column.prop(props, "loops")
-    row = layout.row(heading="Trigger")
-    row.prop(props, "trigger", text="")
-    if props.trigger:
+    if props.driver != "files":
+        row = layout.row(heading="Trigger")
+        row.prop(props, "trigger", text="")
+    if has_trigger(props):
         row.prop(props, "pulse", text="")
         if props.driver != "serial":
             _port(layout, props)
@@ -94,7 +95,7 @@ def _focus(layout: UILayout, context: Context, props: HoloPathDevice) -> None:
     row.prop(props, "planes")
     row.operator("holopath.new_planes", text="", icon="FILE_NEW")
     if props.driver != "virtual":
-        if props.driver != "serial" and not props.trigger:
+        if props.driver != "serial" and not has_trigger(props):
             _port(layout, props)
         layout.prop(props, "camera", text="Command")
     row = layout.row(align=True)

@@ -52,6 +52,14 @@ def test_numbers_never_cover_a_hologram(scene, monkeypatch):
     assert not bpy.ops.holopath.identify_monitors.poll()
 
 
+def test_files_give_no_pulses(device, tmp_path):
+    """A controller is not even looked for."""
+    device.driver, device.trigger, device.port = "files", True, str(tmp_path / "none")
+    device.folder = str(tmp_path / "pictures")
+    assert bpy.ops.holopath.stream() == {"FINISHED"}
+    assert devices.current.counts.shown == 4
+
+
 def test_virtual_bench(device, phase):
     device.driver = "virtual"
     with pytest.raises(RuntimeError, match="press Stream to Device"):
