@@ -181,13 +181,7 @@ def add(command):
         help="focus distances from the SLM (default: those of --focus-planes)",
     )
     option("--captures", type=int, default=64, metavar="N", help="number of captures (default 64)")
-    option(
-        "--light",
-        type=int,
-        default=0,
-        metavar="N",
-        help="index of the light source that the driver serial switches on, from 0 (default 0)",
-    )
+    _add_light(calibrate, "0")
     _add_device(calibrate)
 
     tune = command("tune", _tune, "Improve phases by captures of them on a calibrated display.")
@@ -208,6 +202,7 @@ def add(command):
         help="number of rounds, each with a capture of each frame at each focus (default 12)",
     )
     _add_bench(tune)
+    _add_light(tune, "that of the wavelength within the hologram")
     _add_device(tune)
 
     devices = command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
@@ -271,6 +266,29 @@ def _add_bench(parser):
         metavar="N",
         help="seed of the patterns, and of the virtual bench (default 0)",
     )
+
+
+def _add_light(parser, default):
+    """Add the option of the light source."""
+    parser.add_argument(
+        "--light",
+        type=int,
+        metavar="N",
+        help=f"index of the light source that the driver serial switches on, from 0 (default {default})",
+    )
+
+
+def _light(args, default):
+    """Index of the light source to switch on."""
+    if args.light is None:
+        return default
+    if not 0 <= args.light <= MAX_LIGHT:
+        raise engine.InvalidInput(
+            f"Expected a light source from 0 to {MAX_LIGHT}, got {args.light}. Choose another --light."
+        )
+    if args.driver != "serial":
+        raise engine.InvalidInput("--light would have no effect here. Add --driver serial, or omit it.")
+    return args.light
 
 
 def _add_device(parser):
@@ -612,12 +630,7 @@ def _calibrate(args):
         )
     if not 1 <= args.bits <= 16:
         raise engine.InvalidInput(f"Expected 1 to 16 bits, got {args.bits}. Choose other --bits.")
-    if not 0 <= args.light <= MAX_LIGHT:
-        raise engine.InvalidInput(
-            f"Expected a light source from 0 to {MAX_LIGHT}, got {args.light}. Choose another --light."
-        )
-    if args.light and args.driver != "serial":
-        raise engine.InvalidInput("--light would have no effect here. Add --driver serial, or omit it.")
+    light = _light(args, 0)
     window = slm.PatternWindow(args.window, args.pitch, args.wavelength * 1e-9, args.bits)
     planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
     distances = [mm * 1e-3 for mm in args.distances or ()]
@@ -628,7 +641,7 @@ def _calibrate(args):
             "The focus distances are missing. Give them with --distances or --focus-planes."
         )
     _check_writable(path)
-    with _bench(args, window, planes, distances, light=args.light) as capture:
+    with _bench(args, window, planes, distances, light=light) as capture:
         fit = slm.calibrate(
             capture,
             window=window,
@@ -656,7 +669,7 @@ def _tune(args):
             "The hologram has several wavelengths. Choose that of the light source with --wavelength."
         )
     wavelength = wavelengths[0] if args.wavelength is None else args.wavelength * 1e-9
-    light = int(np.argmin(np.abs(np.subtract(wavelengths, wavelength))))
+    light = _light(args, int(np.argmin(np.abs(np.subtract(wavelengths, wavelength)))))
     planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
     distances = list(calibration.sensor(wavelength).homographies)
     width, height = calibration.size or (hologram.width, hologram.height)

@@ -37,6 +37,10 @@ def real_number(value: Any, what: str) -> float:
         raise InvalidInput(f"Expected {what} as a number, got {value!r:.60}.") from None
 
 
+class FolderInUse(OSError):
+    """Folder that another program uses; the message says where the new one is."""
+
+
 class BackendUnavailable(RuntimeError):
     """Mitsuba that cannot compute on this machine; the message says what to install."""
 

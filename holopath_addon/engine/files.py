@@ -14,12 +14,13 @@ import threading
 import time
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import InvalidInput
+from .errors import FolderInUse, InvalidInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -62,8 +63,9 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
     Raises
     ------
     InvalidInput
-        At once, if the folder must not be replaced or cannot be created. At the end, if another program has something
-        in the folder open; the new one stays beside it then.
+        At once, if the folder must not be replaced or cannot be created.
+    FolderInUse
+        At the end, if another program has something in the folder open; the new one stays beside it.
     OSError
         If it cannot be written.
     """
@@ -86,8 +88,11 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         try:
             _put_in_place(part, folder)
         except PermissionError as error:
-            part, kept = None, _kept_beside(part, folder)
-            raise InvalidInput(
+            if not _is_in_use(error):
+                raise
+            made, part = part, None
+            kept = _kept_beside(made, folder)
+            raise FolderInUse(
                 f"{folder} cannot be replaced ({error.strerror}). What was made is in {kept}: close programs that use "
                 "either, and rename it."
             ) from error
@@ -99,7 +104,8 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
 
 def _kept_beside(part, folder):
     """Give a finished folder that cannot take its place a visible name, if it can be renamed; its path."""
-    kept = folder.with_name(f"{folder.name}-new")
+    names = (f"{folder.name}-new{number or ''}" for number in count())
+    kept = next(path for path in map(folder.with_name, names) if not os.path.lexists(path))
     try:
         rename(part, kept)
     except OSError:
@@ -164,6 +170,10 @@ def new_folder(parent: Path, prefix: str) -> Path:
             return path
 
 
+def _is_in_use(error):
+    return getattr(error, "winerror", None) in IN_USE
+
+
 def rename(source: Path, target: Path) -> None:
     """Rename as `os.replace`; where Windows refuses it as long as another program uses something in it, wait a while.
 
@@ -176,8 +186,7 @@ def rename(source: Path, target: Path) -> None:
         try:
             return os.replace(source, target)
         except PermissionError as error:
-            in_use = getattr(error, "winerror", None) in IN_USE and not target.is_dir()
-            if not in_use or time.monotonic() > end:
+            if not _is_in_use(error) or target.is_dir() or time.monotonic() > end:
                 raise
             time.sleep(0.1)
 

@@ -225,7 +225,10 @@ class ClusterExecutor:
         engine.InvalidInput, FarmFailed
         """
         folder, mark = Path(folder).absolute(), f".cluster-{self._topic}"
-        self._todo = {unit.name: unit for unit in units if not unit.done()}
+        self._todo = {}
+        for unit in units:  # one that needs another may be done no more once that is made anew
+            if not unit.done() or any(n in self._todo and not self._todo[n].prepares for n in unit.needs):
+                self._todo[unit.name] = unit
         self._counted, start = progress_units(units), time.monotonic()
         before = len(self._counted - self._todo.keys())
         futures: dict[str, Any] = {}

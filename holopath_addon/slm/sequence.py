@@ -140,7 +140,7 @@ class Sequence:
         """Sentences on what the user may have overlooked."""
         own, notes = self.calibration, []
         keys = "measured_levels", "display_model"
-        has_any = own.responses or own.correction is not None or own.variation is not None
+        has_any = own.responses or own.size is not None or not own.plain
         if not has_any and any(each.report.get(key) for each in self.holograms for key in keys):
             notes.append(
                 "The phases are for the levels of a calibrated device, and are shown without its calibration. Give "

@@ -116,9 +116,11 @@ def tune(
         data = arrays.copied(phase.data)
         data[:, color, ...] = best
         tuned = {"wavelength_m": phase.hologram.wavelengths[color], "psnr_db": decibels}
-        return replace(
-            phase, data=data, report={**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
-        )
+        # without what tells that these are the phases of a command
+        report = {
+            key: value for key, value in phase.report.items() if key not in ("sha256", "job", "begun_with")
+        }
+        return replace(phase, data=data, report=report | {"tuned": [*report.get("tuned", ()), tuned]})
 
     with FramePool() as pool:
         loop = _Loop(phase, field, calibration, color, pool)

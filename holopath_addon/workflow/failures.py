@@ -1,7 +1,7 @@
 """Messages and exit statuses of exceptions."""
 
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
-from ..engine.errors import cancelled
+from ..engine.errors import FolderInUse, cancelled
 from ..farm.errors import FarmFailed
 from ..slm.errors import DeviceLost
 
@@ -19,7 +19,7 @@ def sentence(error):
     -------
     str
     """
-    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, FarmFailed)):
+    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, FarmFailed, FolderInUse)):
         return one_line(error)
     if cancelled(error):
         message = one_line(error) if isinstance(error, Cancelled) and str(error) else ""

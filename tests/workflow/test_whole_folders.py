@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from holopath_addon import engine
 from holopath_addon.engine import files
+from holopath_addon.engine.errors import FolderInUse
 from holopath_addon.workflow import failures
 from tests.patience import NEVER
 
@@ -132,18 +132,18 @@ def test_a_result_is_kept_beside_a_folder_in_use(tmp_path, monkeypatch, is_new_o
     out = tmp_path / "out"
     out.mkdir()
     (out / "file").write_text("earlier")
+    (tmp_path / "out-new").mkdir()  # of the last time
     refused(
         monkeypatch,
         lambda source, target: source.name.startswith(".out.part-") if is_new_one else source == out,
     )
     with (
-        pytest.raises(
-            engine.InvalidInput, match=r"out cannot be replaced .*(out-new|part-\w+): close"
-        ) as caught,
+        pytest.raises(FolderInUse, match=r"out cannot be replaced .*(out-new1|part-\w+): close") as caught,
         files.whole_folder(out, lambda folder: None) as part,
     ):
         (part / "file").write_text("made")
-    [kept] = set(tmp_path.iterdir()) - {out}
+    [kept] = set(tmp_path.iterdir()) - {out, tmp_path / "out-new"}
+    assert failures.status(caught.value) == 1 and failures.sentence(caught.value) == str(caught.value)
     assert str(kept) in str(caught.value)
     assert (kept / "file").read_text() == "made" and (out / "file").read_text() == "earlier"
 

@@ -661,9 +661,11 @@ class Textures:
         """Whether a color, or a hundredth of the sum of an image's, lies above a limit."""
         if not isinstance(value, ImageValue):
             return np.max(value) > 1.001 * limit
-        scale, offset = np.array(value.scale), np.array(value.offset)
-        if not value.image.is_float and np.maximum(offset, scale + offset).max() <= 1.001 * limit:
-            return False  # bytes are from 0 to 1
+        scale, offset, brightest = np.array(value.scale), np.array(value.offset), 1.0  # of bytes
+        if value.image.is_float:
+            brightest = float(self.stored(value.image).pixels.max())
+        if brightest <= 1 and np.maximum(offset, scale + offset).max() <= 1.001 * limit:
+            return False  # also where it is decoded, or to a power
         color = self._scale(self._linear_color(value), value)
         return np.maximum(color - limit, 0).sum(dtype=float) > 0.01 * np.abs(color).sum(dtype=float)
 

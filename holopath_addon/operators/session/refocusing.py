@@ -66,7 +66,7 @@ def refocuser_for(refocuser, modulator, optics):
     Raises
     ------
     engine.InvalidInput
-        If the phases were encoded for another lens.
+        If the phases were encoded for another lens, or for a fitted display and the bench is another.
     """
     # another thread may render or encode meanwhile
     phase, encoding, kept = current.phase, current.phase_encoding, current.phase_light
@@ -76,17 +76,22 @@ def refocuser_for(refocuser, modulator, optics):
         raise engine.InvalidInput(
             "The hologram was encoded for another lens: render and encode it for this one, or set that one again."
         )
-    if kept is None or kept[0] is not phase or kept[1:3] != (modulator, optics):
+    if kept is None or kept[0] is not phase or kept[1] is not encoding or kept[2:4] != (modulator, optics):
         on_bench = replace(phase, hologram=replace(phase.hologram, optics=optics))
         light = _shown(on_bench, modulator, encoding)
-        kept = current.phase_light = phase, modulator, optics, engine.Refocuser(light)
-    return kept[3]
+        kept = current.phase_light = phase, encoding, modulator, optics, engine.Refocuser(light)
+    return kept[4]
 
 
 def _shown(phase, modulator, encoding):
     """Field of phases on the display that they were encoded for, which `modulator` limits unless it was measured."""
     if encoding is None or (encoding.display is None and encoding.levels is None):
         return phase.field(modulator)
+    if encoding.display is not None and not phase.hologram.flat_bench:
+        raise engine.InvalidInput(
+            "The hologram was encoded for a fitted display, which has a beam and a stop of its own: set the bench "
+            "back, or encode again without it."
+        )
     if encoding.display is not None:  # it has its own levels, pixels and crosstalk
         return phase.field(display=encoding.display)
     return phase.field(replace(modulator, bits=None), levels=encoding.levels)

@@ -47,8 +47,9 @@ class Session:
         What they were encoded for, such as the display's measured levels; None: unknown.
     shown_frame : int
         Frame of those phases whose image was shown last.
-    phase_light : tuple of engine.PhaseHologram, engine.Modulator, engine.Optics and engine.Refocuser, or None
-        Light of those phases on a display with these limits, on this bench.
+    phase_light : tuple, or None
+        `engine.PhaseHologram`, `Encoding`, `engine.Modulator` and `engine.Optics`, and last the `engine.Refocuser` of
+        the light of those phases on a display with these limits, on this bench.
     plan : engine.Plan or None
         Last plan.
     plan_scene : str

@@ -193,12 +193,7 @@ class Controller:
             raise InvalidInput(f"Expected a motor position of 32 bits, got {position}.")
         self._ensure_open()
         self._require(Can.FOCUS, "focus commands")
-        lost, self.link.lost_position = self.link.lost_position, 0
-        if lost:
-            raise InvalidInput(
-                f"The controller has restarted and forgot its position: it says 0, and was at {lost}. Move the motor "
-                "to its zero by hand, or store the focus planes again, then go on."
-            )
+        self._check_position()
         end = time.perf_counter() + FOCUS_TIMEOUT
         try:
             self._send_focus(int(position))
@@ -217,6 +212,15 @@ class Controller:
             with suppress(DeviceLost):  # the motor would go on
                 self._send_focus(self.link.position)
             raise
+
+    def _check_position(self):
+        """Say once that the device has restarted, as its positions are others now."""
+        lost, self.link.lost_position = self.link.lost_position, 0
+        if lost:
+            raise InvalidInput(
+                f"The controller has restarted and forgot its position: it says 0, and was at {lost}. Move the motor "
+                "to its zero by hand, or store the focus planes again, then go on."
+            )
 
     def _send_focus(self, position):
         with self._lock, self._closing():
@@ -238,10 +242,11 @@ class Controller:
         Raises
         ------
         InvalidInput
-            If the focus moves.
+            If the focus moves. Once after a restart of the device.
         DeviceLost
         """
         position = self.position()
+        self._check_position()
         if self.link.moving:
             raise InvalidInput(
                 f"The focus still moves, now at {position}. Wait until it has stopped, then store its position."
