@@ -65,6 +65,9 @@ def test_a_hologram_is_shown_by_the_display_that_it_was_encoded_for(scene):
     modulator = properties.modulator_of(scene.holopath)
     light = refocusing.refocuser_for(session.stored_refocuser(), modulator, optics).field
     np.testing.assert_array_equal(light.data, phase.field(display=models).data)
+    half = engine.Optics(stop=engine.Stop("half"))
+    with pytest.raises(engine.InvalidInput, match="fitted display, .* set the bench back, or encode again"):
+        refocusing.refocuser_for(session.stored_refocuser(), modulator, half)
 
 
 def test_encode_with_more_frames(scene):

@@ -197,11 +197,13 @@ def test_phases_of_a_calibrated_device_without_its_calibration(tmp_path, capfd):
     """A note says so, and none where it is there, or where no calibration was in the encoding."""
     hologram = hologram_of(levels_of())
     Calibration(responses=(Response(640e-9),)).save(tmp_path / "device.json")
+    Calibration(flip_x=True).save(tmp_path / "mirrored.json")
     words = [tmp_path / "out", "--driver", "virtual"]
     for report, more, noted in (
         ({"measured_levels": True}, ["--bits", "8"], True),
         ({"display_model": True}, [], True),
         ({"measured_levels": True}, ["--calibration", tmp_path / "device.json"], False),
+        ({"measured_levels": True}, ["--calibration", tmp_path / "mirrored.json"], False),
         ({"measured_levels": False, "display_model": False}, [], False),
     ):
         replace(hologram, report=report).save(tmp_path / "out" / "hologram")
