@@ -288,12 +288,14 @@ def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, 
     monkeypatch.setattr(
         supervised,
         "os",
-        types.SimpleNamespace(
-            name="nt",
-            read=lambda *_: b"" if ended.wait(NEVER) else b"x",
-            _exit=lambda _: calls.append("exit"),
-        ),
+        types.SimpleNamespace(name="nt", _exit=lambda _: calls.append("exit")),
     )
+
+    def blocks():
+        assert ended.wait(NEVER)
+        yield from ()
+
+    monkeypatch.setattr(supervised, "standard_input", types.SimpleNamespace(blocks=blocks))
     monkeypatch.setattr(
         supervised, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
     )
