@@ -482,7 +482,7 @@ def _made_table(made, renewals):
     for scene, later in renewals.items():
         for run_of in later:
             key = tuple(run_of[name] for name in ("machine", "date", "commit"))
-            frames = " and ".join(map(str, sorted({m for *_, m in run_of["records"]})))
+            frames = ", ".join(map(str, sorted({m for *_, m in run_of["records"]})))
             names = ", ".join(dict.fromkeys(name for name, *_ in run_of["records"]))
             runs.setdefault(key, []).append(
                 f"{scene} ({names}: {len(run_of['records'])} records of {frames} frames, "

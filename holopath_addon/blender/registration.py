@@ -1,5 +1,6 @@
 """Registration of HoloPath's classes, settings, handlers and command with Blender."""
 
+import os
 from collections.abc import Callable
 from functools import partial
 
@@ -68,5 +69,7 @@ def _stop_listening(callbacks, handler):
 def _run_command(argv):
     from .. import cli
 
-    preferences.chosen_backend()  # sets the variable of the chosen LLVM
+    backend = preferences.chosen_backend()  # it also sets the variable of the chosen LLVM
+    if backend:  # what is given with a command counts more than what was chosen in the window
+        os.environ.setdefault("HOLOPATH_BACKEND", backend)
     return cli.main(argv, preferences.store())

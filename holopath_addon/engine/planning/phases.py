@@ -31,13 +31,17 @@ MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
 # Steps from which `refine` beats `joint`, with co-traced frames and without (docs/measurements.md, Seconds of encoding)
 MIN_STEPS = 12, 20
-# Frames below which a descent of few steps begins with nearly constant phases, as that of few frames does, and goes
-# towards the whole pupil alone; the steps below which that is ahead, and those that it takes at least
-# (docs/measurements.md, Seconds of encoding). With 24 frames parts of the pupil lose more than the whole gains.
-SHORT_DESCENT_FRAMES, SHORT_DESCENT_STEPS, MIN_SHORT_DESCENT_STEPS = 16, 45, 8
-# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that (the same measurement); of few frames at five foci,
-# of `DEFAULT_EFFORT` over fewer steps and over `joint` (Few frames)
-JOINT_GAIN, FULL_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (f"up to {gain} dB" for gain in (4, 2, 5, 10))
+# Frames below which a descent in less time than `DEFAULT_EFFORT` takes begins with nearly constant phases, as that of
+# few frames does, and goes towards the whole pupil alone; the steps that it takes at least, and at most, for more take
+# light away from parts of the pupil (docs/measurements.md, Seconds of encoding). With 24 frames these lose more than
+# the whole gains.
+SHORT_DESCENT_FRAMES, MIN_SHORT_DESCENT_STEPS, MAX_SHORT_DESCENT_STEPS = 16, 8, 70
+# Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that, of parts of the pupil over all steps that pay off
+# without them (the same measurement); of few frames at five foci, of `DEFAULT_EFFORT` over fewer steps and over `joint`
+# (Few frames)
+JOINT_GAIN, FULL_GAIN, PARTS_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (
+    f"up to {gain} dB" for gain in (4, 2, 2, 5, 10)
+)
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def plan_encoding(
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}'. Choose one of {', '.join(ENCODINGS)}.")
     frames = plan.settings.frames
-    choice = _short_descent(plan, method, seconds, co_traced) if not eyebox else None
+    choice = _short_descent(plan, method, seconds, co_traced) if eyebox is None else None
     if choice is not None:
         return replace(choice, memory_bytes=plan.phases_memory.get("refine", 0.0))
     eyebox = eyebox_for(frames) if eyebox is None else eyebox
@@ -232,7 +236,7 @@ def _fit(frames, hologram):
 
 
 def _short_descent(plan, method, seconds, co_traced):
-    """`EncodingPlan` without memory for a descent of few steps; None where there are enough, or too few."""
+    """`EncodingPlan` without memory for fewer seconds than the default takes; None where it fits, or nearly nothing."""
     settings, requested = plan.settings, plan.requested
     if seconds is None or method not in ("auto", "refine") or settings.method in BASELINES:
         return None
@@ -241,19 +245,19 @@ def _short_descent(plan, method, seconds, co_traced):
     if not DESIGNED_STARTS <= settings.frames < SHORT_DESCENT_FRAMES:
         return None
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
-    frames = costs.first_frames
-    if costs.limit_seconds(frames, SHORT_DESCENT_STEPS) <= seconds:
+    enough = costs.effort_limit_seconds(*DEFAULT_EFFORT)
+    short, frames = costs.of_whole_pupil().without_single_frames(True), costs.first_frames
+    if enough <= seconds or short.limit_seconds(frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None
-    if (
-        costs.of_whole_pupil().without_single_frames(True).limit_seconds(frames, MIN_SHORT_DESCENT_STEPS)
-        > seconds
-    ):
-        return None
-    better = _rounded_up(costs.effort_limit_seconds(*DEFAULT_EFFORT))
     reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
+    steps, taken, gain = 0, seconds, STEPS_GAIN
+    if short.limit_seconds(SETS[-1], MAX_SHORT_DESCENT_STEPS) <= seconds:
+        frames, steps, gain = SETS[-1], MAX_SHORT_DESCENT_STEPS, PARTS_GAIN
+        reason += f"; more than {steps} steps would show less"
+        taken = min(seconds, short.refine_seconds(frames, steps))
     randomness = randomness_for(settings.frames, eyebox=0.0)
     return EncodingPlan(
-        "refine", frames, 0, seconds, reason, better, STEPS_GAIN, randomness=randomness, eyebox=0.0
+        "refine", frames, steps, taken, reason, _rounded_up(enough), gain, randomness=randomness, eyebox=0.0
     )
 
 

@@ -34,7 +34,7 @@ def planned(costs=COSTS, traversals=3, **settings):
 
 def test_more_seconds_go_towards_more_frames():
     """Estimates fit into the limit, and steps have most of it; with one traversal the clock ends the frames."""
-    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 9, 50)] == [0, 176, 176]
+    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 9, 50)] == [0, 24, 176]
     found = {seconds: chosen(seconds=seconds) for seconds in (1, 4, 8, 20, 50, 1000)}
     assert [each.method for each in found.values()] == ["sgd", "joint", *["refine"] * 4]
     frames = [each.frames for each in found.values()]
@@ -187,13 +187,20 @@ def test_many_frames_for_the_whole_pupil_alone_begin_as_few_do():
 
 
 def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():
-    """They begin as few frames do where a designed field's phases would have too few steps."""
-    found = {seconds: chosen(seconds=seconds, co_traced=24) for seconds in (0.5, 1, 3, 5, 6)}
+    """They begin as few frames do where a designed field's phases would have fewer steps than by default."""
+    enough = chosen(seconds=3, co_traced=24).better
+    found = {
+        seconds: chosen(seconds=seconds, co_traced=24) for seconds in (0.5, 1, 3, 0.9 * enough, enough)
+    }
     assert [each.randomness for each in found.values()] == [None, 0.1, 0.1, 0.1, None]
     assert [each.eyebox for each in found.values()] == [1, 0, 0, 0, 1]
-    short = found[3]
-    assert (short.method, short.frames, short.seconds) == ("refine", 24, 3)
-    assert "the pupil as a whole" in short.reason and short.better > 5
+    short, long = found[3], found[0.9 * enough]
+    assert (short.method, short.frames, short.seconds, short.steps) == ("refine", 24, 3, 0)
+    assert "the pupil as a whole" in short.reason and "up to 5 dB" in short.advice
+    # more steps would take light away from parts of the pupil
+    assert (long.frames, long.steps) == (24, 70) and long.seconds < 0.7 * enough
+    assert "more than 70 steps" in long.reason and long.advice.startswith(f"{enough:.0f} s")
+    assert chosen(seconds=0.9 * enough).frames == 24  # a stored field has none yet, and few show less
     assert chosen("refine", seconds=3, co_traced=24) == short
     for other in ({"frames": 16}, {"frames": 24}, {"phase_field": "designed"}, {"phase_field": "random"}):
         assert chosen(seconds=3, co_traced=24, **other).randomness is None, other
