@@ -34,8 +34,9 @@ MIN_STEPS = 12, 20
 # Frames below which a descent in less time than `DEFAULT_EFFORT` takes begins with nearly constant phases, as that of
 # few frames does, and goes towards the whole pupil alone; the steps that it takes at least, and at most, for more take
 # light away from parts of the pupil (docs/measurements.md, Seconds of encoding). With 24 frames these lose more than
-# the whole gains.
+# the whole gains. And extra frames and steps that show about as much as `DEFAULT_EFFORT`, where frames take long.
 SHORT_DESCENT_FRAMES, MIN_SHORT_DESCENT_STEPS, MAX_SHORT_DESCENT_STEPS = 16, 8, 70
+FEWER_FRAMES_EFFORT = SETS[-1], 200
 # Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that, of parts of the pupil over all steps that pay off
 # without them (the same measurement); of few frames at five foci, of `DEFAULT_EFFORT` over fewer steps and over `joint`
 # (Few frames)
@@ -245,7 +246,7 @@ def _short_descent(plan, method, seconds, co_traced):
     if not DESIGNED_STARTS <= settings.frames < SHORT_DESCENT_FRAMES:
         return None
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
-    enough = costs.effort_limit_seconds(*DEFAULT_EFFORT)
+    enough = min(costs.effort_limit_seconds(*DEFAULT_EFFORT), costs.limit_seconds(*FEWER_FRAMES_EFFORT))
     short, frames = costs.of_whole_pupil().without_single_frames(True), costs.first_frames
     if enough <= seconds or short.limit_seconds(frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None

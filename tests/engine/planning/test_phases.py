@@ -200,6 +200,9 @@ def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():
     # more steps would take light away from parts of the pupil
     assert (long.frames, long.steps) == (24, 70) and long.seconds < 0.7 * enough
     assert "more than 70 steps" in long.reason and long.advice.startswith(f"{enough:.0f} s")
+    dear = {"costs": COSTS | {"rays": 30.0}, "co_traced": 24}  # frames that take long are no reason to wait for them
+    long = chosen(seconds=3, **dear).better
+    assert long < 30 and chosen(seconds=long, **dear).eyebox == 1
     assert chosen(seconds=0.9 * enough).frames == 24  # a stored field has none yet, and few show less
     assert chosen("refine", seconds=3, co_traced=24) == short
     for other in ({"frames": 16}, {"frames": 24}, {"phase_field": "designed"}, {"phase_field": "random"}):
