@@ -358,7 +358,7 @@ def add_encode_seconds(parser):
         type=argument(_encode_seconds),
         metavar=ENCODE_SECONDS.metavar,
         help="time limit of the encoding after the field: more time gives better phases; at the limit the best ones "
-        "are kept (default: no limit)",
+        "are kept; it ends earlier where more steps would show less (default: no limit)",
     )
 
 
@@ -374,7 +374,7 @@ def add_eyebox(parser):
         type=argument(_eyebox),
         metavar=EYEBOX.metavar,
         help="weight of parts of the pupil relative to the whole, from 0 to 1, in joint and refine (default: 0 for up "
-        "to six frames, 1 from eight on, in few seconds 0 for up to 15)",
+        "to six frames, 1 from eight on; in less time than the default takes 0 for up to 15)",
     )
 
 

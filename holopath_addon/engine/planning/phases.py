@@ -31,18 +31,17 @@ MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
 # Steps from which `refine` beats `joint`, with co-traced frames and without (docs/measurements.md, Seconds of encoding)
 MIN_STEPS = 12, 20
-# Frames below which a descent in less time than `DEFAULT_EFFORT` takes begins with nearly constant phases, as that of
-# few frames does, and goes towards the whole pupil alone; the steps that it takes at least, and at most, for more take
-# light away from parts of the pupil (docs/measurements.md, Seconds of encoding). With 24 frames these lose more than
-# the whole gains. And extra frames and steps that show about as much as `DEFAULT_EFFORT`, where frames take long.
-SHORT_DESCENT_FRAMES, MIN_SHORT_DESCENT_STEPS, MAX_SHORT_DESCENT_STEPS = 16, 8, 70
+# Extra frames and steps that show within 0.1 dB of what `DEFAULT_EFFORT` does, where extra frames take long
 FEWER_FRAMES_EFFORT = SETS[-1], 200
+# In less time than these take, fewer frames than the first number begin with nearly constant phases, as few frames do,
+# and go towards the whole pupil alone; the steps that this takes at least, and at most, for more take light away from
+# parts of the pupil (docs/measurements.md, Seconds of encoding). With 24 frames these lose more than the whole gains.
+SHORT_DESCENT_FRAMES, MIN_SHORT_DESCENT_STEPS, MAX_SHORT_DESCENT_STEPS = 16, 8, 70
 # Gains of `DEFAULT_EFFORT` over `joint`, of `FULL_EFFORT` over that, of parts of the pupil over all steps that pay off
 # without them (the same measurement); of few frames at five foci, of `DEFAULT_EFFORT` over fewer steps and over `joint`
 # (Few frames)
-JOINT_GAIN, FULL_GAIN, PARTS_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (
-    f"up to {gain} dB" for gain in (4, 2, 2, 5, 10)
-)
+JOINT_GAIN, FULL_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (f"up to {gain} dB" for gain in (4, 2, 5, 10))
+PARTS_GAIN = "up to 2 dB, and light all over the pupil,"
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class EncodingPlan:
     frames : int
         Maximum extra frames whose mean the phases approximate; 0 for none.
     steps : int
-        Maximum steps; 0 where `seconds` limit them, or for the method's own.
+        Maximum steps; 0 where only `seconds` limit them, or for the method's own.
     seconds : float
         Estimated seconds, or the time limit; 0 without either.
     reason : str
@@ -71,6 +70,8 @@ class EncodingPlan:
         Randomness of the phases that the descent begins with, see `engine.encode`; None for the field's phases.
     eyebox : float
         Weight of parts of the pupil, see `engine.encode`.
+    has_limit : bool
+        Whether a time limit can end extra frames and steps.
     """
 
     method: str
@@ -83,6 +84,7 @@ class EncodingPlan:
     memory_bytes: float = 0.0
     randomness: float | None = None
     eyebox: float = 1.0
+    has_limit: bool = False
 
     @property
     def advice(self) -> str:
@@ -98,7 +100,7 @@ class EncodingPlan:
     @property
     def decision(self) -> Decision:
         """Method, extra frames, seconds and memory in words, with the reason."""
-        up_to = "" if self.steps else "up to "
+        up_to = "up to " if self.has_limit else ""
         frames = f" towards {up_to}{self.frames} extra frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
         memory = f", {self.memory_bytes / 1e6:.0f} MB" if self.memory_bytes else ""
@@ -246,20 +248,23 @@ def _short_descent(plan, method, seconds, co_traced):
     if not DESIGNED_STARTS <= settings.frames < SHORT_DESCENT_FRAMES:
         return None
     costs = _EncodingCosts(plan.phases, settings.frames, co_traced)
-    enough = min(costs.effort_limit_seconds(*DEFAULT_EFFORT), costs.limit_seconds(*FEWER_FRAMES_EFFORT))
-    short, frames = costs.of_whole_pupil().without_single_frames(True), costs.first_frames
-    if enough <= seconds or short.limit_seconds(frames, MIN_SHORT_DESCENT_STEPS) > seconds:
+    short, enough = costs.of_whole_pupil().without_single_frames(True), costs.default_limit_seconds
+    if enough <= seconds or short.limit_seconds(short.first_frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None
-    reason = "so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
-    steps, taken, gain = 0, seconds, STEPS_GAIN
-    if short.limit_seconds(SETS[-1], MAX_SHORT_DESCENT_STEPS) <= seconds:
-        frames, steps, gain = SETS[-1], MAX_SHORT_DESCENT_STEPS, PARTS_GAIN
-        reason += f"; more than {steps} steps would show less"
-        taken = min(seconds, short.refine_seconds(frames, steps))
-    randomness = randomness_for(settings.frames, eyebox=0.0)
-    return EncodingPlan(
-        "refine", frames, steps, taken, reason, _rounded_up(enough), gain, randomness=randomness, eyebox=0.0
+    asked = "as asked; " if method == "refine" else ""
+    reason = (
+        f"{asked}so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
     )
+    choice = EncodingPlan(
+        "refine", short.first_frames, MAX_SHORT_DESCENT_STEPS, seconds, reason, _rounded_up(enough), STEPS_GAIN,
+        randomness=randomness_for(settings.frames, eyebox=0.0), eyebox=0.0, has_limit=True,
+    )  # fmt: skip
+    frames = max(SETS[-1], co_traced)
+    if short.limit_seconds(frames, choice.steps) > seconds:
+        return choice
+    reason += f"; more than {choice.steps} such steps would show less"
+    seconds = min(seconds, short.refine_seconds(frames, choice.steps))
+    return replace(choice, frames=frames, seconds=seconds, reason=reason, gain=PARTS_GAIN)
 
 
 def _choose(plan, method, seconds, co_traced, eyebox, randomness):
@@ -297,14 +302,15 @@ def _choose_within(plan, method, seconds, costs, eyebox):
         if plan.traversals == 1 and frames > costs.co_traced:
             # with one traversal for all wavelengths frames are added until the time is over
             frames = costs.first_frames + EXTRA_SETS[0] * SETS[-1]
-        enough = costs.effort_limit_seconds(*DEFAULT_EFFORT)
+        enough = costs.default_limit_seconds
         if seconds < enough:
-            return EncodingPlan("refine", frames, 0, seconds, reason, _rounded_up(enough), STEPS_GAIN)
+            better = _rounded_up(enough)
+            return EncodingPlan("refine", frames, 0, seconds, reason, better, STEPS_GAIN, has_limit=True)
         limit = step_limit(costs.frames, eyebox)
         if limit < MAX_STEPS:
             reason += f"; more than {limit} steps would show less"
             seconds = min(seconds, costs.refine_seconds(frames, limit))
-        return EncodingPlan("refine", frames, 0, seconds, reason)
+        return EncodingPlan("refine", frames, 0, seconds, reason, has_limit=True)
     joins = costs.frames > 1 or costs.smooth_start
     method = "joint" if joins and costs.joint_limit_seconds <= seconds else "sgd"
     needed = _seconds(costs.refine_limit_seconds)
@@ -391,6 +397,14 @@ class _EncodingCosts:
     def refine_limit_seconds(self) -> float:
         """Minimum time limit at which `refine` pays off."""
         return self.limit_seconds(self.first_frames, self._min_steps(self.first_frames))
+
+    @property
+    def default_limit_seconds(self) -> float:
+        """Minimum time limit that shows about as much as no limit does."""
+        limit = self.effort_limit_seconds(*DEFAULT_EFFORT)
+        if self.frames < DESIGNED_STARTS:  # more steps would show less
+            return limit
+        return min(limit, self.limit_seconds(*FEWER_FRAMES_EFFORT))
 
     def effort_limit_seconds(self, frames: int, steps: int) -> float:
         """Time limit for about so many extra frames, in whole sets, and steps."""

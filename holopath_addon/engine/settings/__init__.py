@@ -372,7 +372,7 @@ EYEBOX = Declaration(
     "Eyebox",
     "Weight of parts of the pupil, besides the whole, in phases of all frames: with 1 the image holds as the eye "
     "moves, with 0 it is best for an eye in the middle, and parts of the pupil are dark. Few frames cannot do both",
-    advice="automatic: 0 with up to six frames, 1 from eight on; in few seconds 0 with up to 15",
+    advice="automatic: 0 with up to six frames, 1 from eight on; in less time than the default takes 0 with up to 15",
     section="hologram",
     bounds=(0.0, 1.0),
     soft=(0.0, 1.0),

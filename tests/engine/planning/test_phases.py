@@ -40,7 +40,7 @@ def test_more_seconds_go_towards_more_frames():
     frames = [each.frames for each in found.values()]
     assert frames == sorted(frames) and frames[:3] == [0, 0, 8] and frames[-1] == 176
     for seconds, each in found.items():
-        assert each.seconds <= seconds and not each.steps
+        assert each.seconds <= seconds and each.steps in (0, 70)
         if each.frames > 8:
             assert COSTS["light"] + each.frames / 24 * SET <= 0.4 * seconds
 
@@ -189,22 +189,25 @@ def test_many_frames_for_the_whole_pupil_alone_begin_as_few_do():
 def test_few_seconds_of_eight_frames_go_to_the_whole_pupil():
     """They begin as few frames do where a designed field's phases would have fewer steps than by default."""
     enough = chosen(seconds=3, co_traced=24).better
-    found = {
-        seconds: chosen(seconds=seconds, co_traced=24) for seconds in (0.5, 1, 3, 0.9 * enough, enough)
-    }
+    found = {seconds: chosen(seconds=seconds, co_traced=24) for seconds in (0.5, 1, 3, 0.9 * enough, enough)}
     assert [each.randomness for each in found.values()] == [None, 0.1, 0.1, 0.1, None]
     assert [each.eyebox for each in found.values()] == [1, 0, 0, 0, 1]
     short, long = found[3], found[0.9 * enough]
-    assert (short.method, short.frames, short.seconds, short.steps) == ("refine", 24, 3, 0)
+    assert (short.method, short.frames, short.seconds, short.steps) == ("refine", 24, 3, 70)
+    assert "towards up to 24 extra frames" in str(short.decision)
     assert "the pupil as a whole" in short.reason and "up to 5 dB" in short.advice
     # more steps would take light away from parts of the pupil
     assert (long.frames, long.steps) == (24, 70) and long.seconds < 0.7 * enough
-    assert "more than 70 steps" in long.reason and long.advice.startswith(f"{enough:.0f} s")
-    dear = {"costs": COSTS | {"rays": 30.0}, "co_traced": 24}  # frames that take long are no reason to wait for them
+    assert "more than 70 such steps" in long.reason and long.advice.startswith(f"{enough:.0f} s")
+    assert "all over the pupil" in long.advice
+    # frames that take long are no reason to wait for them
+    dear = {"costs": COSTS | {"rays": 30.0}, "co_traced": 24}
     long = chosen(seconds=3, **dear).better
-    assert long < 30 and chosen(seconds=long, **dear).eyebox == 1
+    assert long < 30 and chosen(seconds=long, **dear).eyebox == 1 and not chosen(seconds=long, **dear).advice
+    assert chosen(seconds=60, **dear | {"co_traced": 0}).steps == 70  # with eight frames, too
+    assert chosen(seconds=0.9 * enough, co_traced=120).frames == 120
     assert chosen(seconds=0.9 * enough).frames == 24  # a stored field has none yet, and few show less
-    assert chosen("refine", seconds=3, co_traced=24) == short
+    assert chosen("refine", seconds=3, co_traced=24).reason == f"as asked; {short.reason}"
     for other in ({"frames": 16}, {"frames": 24}, {"phase_field": "designed"}, {"phase_field": "random"}):
         assert chosen(seconds=3, co_traced=24, **other).randomness is None, other
     assert chosen("joint", seconds=3, co_traced=24).randomness is None
