@@ -251,7 +251,7 @@ def _short_descent(plan, method, seconds, co_traced):
     short, enough = costs.of_whole_pupil().without_single_frames(True), costs.default_limit_seconds
     if enough <= seconds or short.limit_seconds(short.first_frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None
-    asked = "as asked; " if method == "refine" else ""
+    request = "as asked; " if method == "refine" else ""
     reason = (
         f"{asked}so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
     )
