@@ -252,9 +252,7 @@ def _short_descent(plan, method, seconds, co_traced):
     if enough <= seconds or short.limit_seconds(short.first_frames, MIN_SHORT_DESCENT_STEPS) > seconds:
         return None
     request = "as asked; " if method == "refine" else ""
-    reason = (
-        f"{asked}so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
-    )
+    reason = f"{request}so few seconds show most with nearly constant phases at the start, and the pupil as a whole"
     choice = EncodingPlan(
         "refine", short.first_frames, MAX_SHORT_DESCENT_STEPS, seconds, reason, _rounded_up(enough), STEPS_GAIN,
         randomness=randomness_for(settings.frames, eyebox=0.0), eyebox=0.0, has_limit=True,
