@@ -372,7 +372,7 @@ def test_records_of_some_frames_are_renewed_in_the_seconds_of_their_machine(tmp_
         assert (part["made"]["machine"], run_of["machine"], run_of["slower"]) == ("fast", "slow", 2.0)
         assert len(run_of["records"]) == 11 and failed["effort"] in faults[0] and "no light" in faults[0]
     table = report._made_table({"tea": part["made"]}, {"tea": part["renewals"]})
-    assert "tea (rgbd, rgbd-sgd, auto: 11 records of 1 and 3 frames, seconds divided by 2.00)" in table[-1]
+    assert "tea (rgbd, rgbd-sgd, auto: 11 records of 1, 3 frames, seconds divided by 2.00)" in table[-1]
     over = records(renewed[:1], 1.0, 1.0)[0] | {"failed": "over 200 s"}
     part = renewal.merged(part, [over], {"machine": "third"}, 2.0)
     assert [len(run_of["records"]) for run_of in part["renewals"]] == [10, 1]
