@@ -41,7 +41,7 @@ SHORT_DESCENT_FRAMES, MIN_SHORT_DESCENT_STEPS, MAX_SHORT_DESCENT_STEPS = 16, 8, 
 # without them (the same measurement); of few frames at five foci, of `DEFAULT_EFFORT` over fewer steps and over `joint`
 # (Few frames)
 JOINT_GAIN, FULL_GAIN, STEPS_GAIN, FEW_FRAMES_GAIN = (f"up to {gain} dB" for gain in (4, 2, 5, 10))
-PARTS_GAIN = "up to 2 dB, and light all over the pupil,"
+PARTS_GAIN = "up to 2 dB and light all over the pupil"
 
 
 @dataclass(frozen=True)
