@@ -31,7 +31,7 @@ MIN_EXTRA_FRAMES = SETS[-2]
 EXTRA_SETS = 7, 4, 2, 1, 0  # in the order tried
 # Steps from which `refine` beats `joint`, with co-traced frames and without (docs/measurements.md, Seconds of encoding)
 MIN_STEPS = 12, 20
-# Extra frames and steps that show within 0.1 dB of what `DEFAULT_EFFORT` does, where extra frames take long
+# Extra frames and steps that show nearly as much as `DEFAULT_EFFORT` (0.2 dB less), where extra frames take long
 FEWER_FRAMES_EFFORT = SETS[-1], 200
 # In less time than these take, fewer frames than the first number begin with nearly constant phases, as few frames do,
 # and go towards the whole pupil alone; the steps that this takes at least, and at most, for more take light away from
